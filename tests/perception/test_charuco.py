@@ -11,7 +11,7 @@ from cableway.cli import main
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.calibration_file import load_camera
-from cableway.perception.charuco import Board, calibrate
+from cableway.perception.charuco import Board, calibrate, corners_of
 from cableway.perception.hand_eye import hand_eye
 from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import Mesh
@@ -176,6 +176,27 @@ def test_calibrate_reads_poses_and_the_base_they_are_from(taken, tmp_path, capsy
     assert "one of --table and --poses" in capsys.readouterr().err
     assert main(["calibrate", *given, "--place", "0.1,0,0"]) == 2
     assert "--place: only goes with --table, got '0.1,0,0'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("ending", "inch"), [("png", 150), ("svg", 72)])
+def test_a_board_is_drawn_in_its_true_size_and_found_in_the_drawing(ending, inch, tmp_path, capsys):
+    file = tmp_path / f"board.{ending}"
+    given = ["--board", "6x4", "--square", "0.04", "--marker", "0.03"]
+    assert main(["calibrate", "--print-board", str(file), *given]) == 0
+    if ending == "svg":
+        width = float(file.read_text().split('width="')[1].split("pt")[0])
+        assert width == pytest.approx((6 * 0.04 + 0.024) / 0.0254 * inch, abs=0.1)
+    else:
+        (found,), _ = corners_of(Board(across=6, down=4, square=0.04, marker=0.03), [cv2.imread(str(file))])
+        assert found is not None
+        assert len(found.points) == 15
+        apart = np.ptp(found.pixels, axis=0) / np.ptp(found.points[:, :2], axis=0)
+        pixels = cv2.imread(str(file)).shape[1] / (6 * 0.04 + 0.024)
+        np.testing.assert_allclose(apart, pixels, rtol=0.005)
+    assert main(["calibrate", str(tmp_path), "--print-board", str(file)]) == 2
+    assert "--print-board draws a board, and takes no pictures" in capsys.readouterr().err
+    assert main(["calibrate"]) == 2
+    assert "needs a folder with pictures of the board" in capsys.readouterr().err
 
 
 def test_pictures_without_a_board_are_refused(taken):

@@ -24,9 +24,11 @@ CAMERA = "camera.json"
 class Calibrate(Options):
     """Find a camera's lens and place by pictures of a ChArUco board. Needs pip install 'cableway[vision]'."""
 
-    pictures: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER")]
-    """Pictures of the board in some ten poses, near and slanted to all sides; the one on the table is not among
-    them."""
+    pictures: Annotated[tyro.conf.Positional[Path | None], option(metavar="FOLDER")] = None
+    """Pictures of the board in some twenty poses, near and slanted to all sides, without that of it on the table."""
+
+    print_board: Annotated[Path | None, option(metavar="FILE.pdf")] = None
+    """Write the board to a file in its true size, to print it, and nothing else."""
 
     table: Annotated[Path | None, option(metavar="PICTURE")] = None
     """A picture of the board flat on the table; this or --poses."""
@@ -62,6 +64,15 @@ class Calibrate(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.print_board is not None:
+            given = [name for name in ("pictures", "table", "poses") if getattr(self, name) is not None]
+            if given:
+                raise InputError(
+                    f"--print-board draws a board, and takes no {given[0]}: calibrate by its pictures later"
+                )
+            return
+        if self.pictures is None:
+            raise InputError("calibrate needs a folder with pictures of the board, or --print-board for one")
         if (self.table is None) == (self.poses is None):
             raise InputError("calibrate needs one of --table and --poses: the board lies on the table, or is held")
         other = "place" if self.table is None else "base"
@@ -78,6 +89,13 @@ class Calibrate(Options):
         board = Board(
             across=int(across), down=int(down), square=self.square, marker=self.marker, dictionary=self.dictionary
         )
+        if self.print_board is not None:
+            from cableway.figures.board import board_figure
+            from cableway.figures.style import save_figure
+
+            save_figure(board_figure(board), self.print_board)
+            Terminal(self).result({"file": str(self.print_board)}, pairs([("file", str(self.print_board))]))
+            return 0
         found, given = self._held(board) if self.table is None else self._lying(board, self.table)
         report = {name: value for name, value in vars(found).items() if name not in ("camera", "held")}
         path = self.target("calibrate", CAMERA)
@@ -100,6 +118,7 @@ class Calibrate(Options):
         from cableway.perception.capture import frames, picture
         from cableway.perception.charuco import calibrate
 
+        assert self.pictures is not None
         x, y, angle = self._numbers("place", self.place, ",", 3)
         images = [frame.image for frame in frames(str(self.pictures))]
         return calibrate(images, picture(table), board, (x, y, angle)), len(images) + 1
@@ -112,6 +131,7 @@ class Calibrate(Options):
         from cableway.perception.capture import picture
         from cableway.perception.hand_eye import hand_eye
 
+        assert self.pictures is not None
         assert self.poses is not None
         x, y, z, angle = self._numbers("base", self.base, ",", 4)
         names, poses = load_poses(self.poses)
