@@ -10,6 +10,7 @@ from jaxtyping import Float, UInt8
 from cableway.figures import palette
 from cableway.perception.calibration import CalibratedCamera
 from cableway.scene.cell import Way
+from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.studio.running import Running
 from cableway.tracking import Row
@@ -28,12 +29,13 @@ class Pictures:
     """Makes the pictures of a run on the table that has cameras."""
 
     def __init__(self, running: Running) -> None:
-        task, record = running.task, running.rollout or running.plan
+        task, record, scene = running.task, running.rollout or running.plan, running.scene
         assert isinstance(task, Task)
+        assert isinstance(scene, Scene)
         assert running.eyes is not None
         config = replace(running.eyes, picture=SIZE, depth=False)
         self._way = None if task.cell is None or record is None else Way.of_record(record.metadata)
-        self._photographer = Photographer(task, self._way, config, running.scene)
+        self._photographer = Photographer(task, self._way, config, scene)
         self._height = task.cable.radius
 
     def of(self, row: Row) -> UInt8[np.ndarray, "h w 3"]:
