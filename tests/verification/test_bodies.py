@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import cableway as cw
+from cableway.geometry.groups import SE2
 from cableway.records import Plan
 from cableway.scene.clearance import pieces_clearance
 from cableway.scene.obstacles import Disc
@@ -88,6 +89,21 @@ def test_a_record_that_leaves_the_hands_out_is_found(planned: tuple[Task, Plan],
     assert (forged.gripper_clearance < discs).any()
     failures = {check.name for check in cw.verify_rollout(forged, task).failures()}
     assert failures == {"recorded gripper clearance above that of its row"}
+
+
+def test_hands_are_judged_where_they_are_and_not_where_the_ends_are_that_they_hold_askew(
+    planned: tuple[Task, Plan], run: cw.Run
+):
+    """A record has the poses of the ends, and may state how these are held."""
+    task, rollout = planned[0], run.rollout
+    assert rollout is not None
+    offsets = [[-0.003, 0.004, 0.12], [0.002, -0.003, -0.1]]
+    held = SE2.compose(rollout.poses, np.array(offsets))
+    plant = rollout.metadata["plant"] | {"grasp": dict(zip(("left", "right"), offsets, strict=True))}
+    askew = replace(rollout, poses=held, metadata=rollout.metadata | {"plant": plant})
+    hands = [{check.name: check.value for check in cw.verify_rollout(each, task).checks} for each in (rollout, askew)]
+    for name in ("gripper clearance", "gripper body clearance", "gripper bodies apart", "gripper body from the cable"):
+        assert hands[1][name] == pytest.approx(hands[0][name], abs=1e-9)
 
 
 @pytest.mark.parametrize("plant", [cw.CableSimulator, TablePlant])

@@ -107,12 +107,17 @@ class Meeting(NamedTuple):
 
 
 def _meetings(
-    lines: Float[np.ndarray, "t m 2"], poses: Float[np.ndarray, "t 2 3"], task: Task, limit: float
+    lines: Float[np.ndarray, "t m 2"],
+    poses: Float[np.ndarray, "t 2 3"],
+    task: Task,
+    limit: float,
+    held: Float[np.ndarray, "t 2 3"] | None = None,
 ) -> Iterator[Meeting]:
     """All that pieces of the grippers may meet: what stands on the table, the cable, each other, the plug."""
+    held = poses if held is None else held
     pieces = hand_pieces(gripper_body(task.grippers.body), task)
     outlines = [outline_at(piece.outline, poses[:, piece.side], OUTLINE_SPACING) for piece in pieces]
-    plug = [] if task.plug is None else [plug_outline(task.plug, poses[:, 1], OUTLINE_SPACING)]
+    plug = [] if task.plug is None else [plug_outline(task.plug, held[:, 1], OUTLINE_SPACING)]
     for i, (piece, outline) in enumerate(zip(pieces, outlines, strict=True)):
         scene = to_scene(task.scene, piece.heights[0], solid=True)
         yield Meeting("gripper body clearance", f"the {piece.name} and {{}}", outline, scene)
@@ -136,6 +141,7 @@ def body_checks(
     task: Task,
     limit: float,
     ends: Ends | None = None,
+    held: Float[np.ndarray, "t 2 3"] | None = None,
 ) -> list[Check]:
     """Least clearances of the grippers' pieces over a motion; none where grippers are discs alone.
 
@@ -145,9 +151,10 @@ def body_checks(
         task: The task.
         limit: Least clearance [m]; contact fails in any case.
         ends: Where start and goal may keep less.
+        held: (t, 2, 3) ends of the cable [m, m, rad], whose right one has the plug; by default, as the grippers.
     """
     worst: dict[str, Check] = {}
-    for name, who, moving, measure, radius in _meetings(lines, poses, task, limit):
+    for name, who, moving, measure, radius in _meetings(lines, poses, task, limit, held):
         asked = limit if ends is None else ends.clearance(limit, moving, measure, radius)
         found = closest_approach(moving, measure, asked, rate=2.0)  # two that move near each other twice as fast
         value = found.distance - radius

@@ -12,6 +12,7 @@ from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import Task
 from cableway.verification.arms import arm_checks
 from cableway.verification.bodies import body_checks
+from cableway.verification.grasps import tool_poses
 from cableway.verification.plan import (
     cable_clearance,
     gripper_clearance,
@@ -85,11 +86,12 @@ def _physics(rollout: Rollout, task: Task, length: float | None) -> list[Check]:
         raise InputError(f"the task {task.name!r} is on the table, the rollout is not")
     if rollout.keypoints.shape[1] != task.cable.keypoints:
         raise InputError(f"the rollout has {rollout.keypoints.shape[1]} keypoints, the task {task.cable.keypoints}")
+    grippers = tool_poses(rollout)
     return [
         cable_clearance(rollout.centreline, task, 0.0),
-        gripper_clearance(rollout.poses, task, 0.0),
-        *body_checks(rollout.centreline, rollout.poses, task, 0.0),
-        gripper_separation(rollout.poses, task, CLOSER),
+        gripper_clearance(grippers, task, 0.0),
+        *body_checks(rollout.centreline, grippers, task, 0.0, held=rollout.poses),
+        gripper_separation(grippers, task, CLOSER),
         self_crossings(with_halves(rollout.centreline)),
         *recording_checks(rollout, task, length),
         *arm_checks(rollout, task, 0.0),
