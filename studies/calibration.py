@@ -11,6 +11,7 @@ of a lens. Prints Markdown.
 from __future__ import annotations
 
 import argparse
+import sys
 
 import cv2
 import numpy as np
@@ -110,7 +111,7 @@ def tried(place: str, board: Board, count: int, rng: np.random.Generator) -> np.
     try:
         found = calibrate(images, photograph(board, rays, into @ lying, 0.7, rng), board, spot).camera
     except InputError as error:
-        print(f"{place}: {error}", flush=True)
+        print(f"{place}: {error}", file=sys.stderr)
         return None
     again = np.linalg.inv(found.pinhole.pose)
     middle = lying @ np.append(middle_of(board), 1.0)
