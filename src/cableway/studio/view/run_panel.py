@@ -51,6 +51,9 @@ class RunPanel:
         self._delay = gui.add_slider("Delay [s]", 0.0, 0.3, 0.1, 0.0, hint=of_plant)
         by = "Pictures by which alone the controller knows the cable; with none, the plant tells it where keypoints are"
         self._cameras = gui.add_dropdown("Cameras", tuple(CAMERAS), hint=by)
+        self._choices = (
+            self._controller, self._plant, self._stiffness, self._length, self._friction, self._noise, self._delay
+        )  # fmt: skip
         self.start = gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY, color=LOUD)
         self.start.on_click(in_order(lambda _: do(begin)))
         self.step = gui.add_slider("Step of the run", 0, 1, 1, 0, visible=False)
@@ -89,11 +92,13 @@ class RunPanel:
     def show(
         self, running: Running | None, row: int, can_run: bool, *, in_space: bool = False, watched: bool = False
     ) -> None:
-        """Show how far a run is, and one row of it; one that is only watched is neither stopped nor pushed at."""
+        """Show how far a run is, and one row of it; where it is only watched, nothing is chosen, stopped or pushed."""
         for field, options in ((self._controller, CHOICES[in_space][0]), (self._plant, CHOICES[in_space][1])):
             if tuple(field.options) != options:
                 field.options = options
-        set_changed(self._cameras, "visible", not in_space)
+        for field in self._choices:
+            set_changed(field, "visible", not watched)
+        set_changed(self._cameras, "visible", not (in_space or watched))
         live, rows = running is not None and running.live, () if running is None else running.seen
         if running is None:
             set_changed(self.said, "content", look.hint(NO_RUN))
