@@ -14,7 +14,7 @@ import cableway as cw
 from cableway.core.errors import InputError
 from cableway.figures import video
 from cableway.figures.cell import cell_figure
-from cableway.figures.perspective import CellView, as_it_was
+from cableway.figures.perspective import CellView
 from cableway.figures.style import figure_png
 from cableway.figures.video import write_video
 from cableway.records import Plan, Rollout
@@ -87,8 +87,8 @@ def test_a_rollout_is_shown_with_obstacles_where_they_were(planned: tuple[cw.Tas
     task, _ = planned
     by = [[0.0, 0.02], *[[0.0, 0.0]] * (len(task.scene.obstacles) - 1)]
     moved = replace(tracked, metadata={**tracked.metadata, "plant": {"obstacles": by}})
-    assert as_it_was(task, tracked) is task
-    assert set(as_it_was(task, moved).scene.obstacles) == set(task.scene.changed([tuple(row) for row in by]).obstacles)
+    assert task.as_recorded(tracked.metadata) is task
+    assert task.as_recorded(moved.metadata).scene == task.scene.changed([tuple(row) for row in by])
     assert not np.array_equal(CellView(task, moved, SIZE).image(0), CellView(task, tracked, SIZE).image(0))
 
 

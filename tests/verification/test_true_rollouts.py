@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cableway.control.open_loop import OpenLoop
+from cableway.core.errors import InputError
 from cableway.planning.planner import plan
 from cableway.records import Check, Plan, Rollout, Verdict
 from cableway.scene.files.loading import load_task
@@ -52,6 +53,15 @@ def test_a_true_rollout_is_accepted(task: Task, found: Plan, name: str, tmp_path
     verdict = verify_record(read, task)
     assert verdict.passed, str(verdict)
     assert all(check.value <= check.limit / 2 for check in upper(verdict) if check.name not in HALF)
+
+
+def test_obstacles_are_where_the_record_has_them(task: Task, found: Plan):
+    run = track(Perturbation().build(task), OpenLoop(), found)
+    for name, stated in (("obstacles", [[0.08, 0.0]]), ("pegs", [[*task.goal[6], 0.003]])):
+        moved = replace(run, metadata={**run.metadata, "plant": {name: stated}})
+        assert "cable clearance" in {check.name for check in verify_record(moved, task).failures()}
+    with pytest.raises(InputError, match=r"plant\.obstacles and plant\.pegs do not fit the task"):
+        verify_record(replace(run, metadata={"plant": {"obstacles": [[0.0, 0.0]] * 2}}), task)
 
 
 def upper(verdict: Verdict) -> list[Check]:

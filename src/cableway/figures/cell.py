@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 
 from cableway.figures import palette, scene, style
-from cableway.figures.perspective import ARMS, CellView, as_it_was, way_of
+from cableway.figures.perspective import ARMS, CellView, way_of
 from cableway.records import Plan, Rollout
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.task import CONTROL_STEP, Task
@@ -38,7 +38,7 @@ def cell_figure(task: Task, record: Plan | Rollout) -> Figure | None:
         return None
     last = len(record.joints) - 1
     rows = [0, last // 2, last]
-    shown = as_it_was(task, record)
+    shown = task.as_recorded(record.metadata)
     links = CellKinematics(task, way).links(record.joints[rows])
     low, high = _extent(links, task)
     width = (style.DOUBLE - scene.LEFT - 2 * scene.BETWEEN - scene.RIGHT) / 3

@@ -10,7 +10,6 @@ from matplotlib.colors import to_rgb
 
 from cableway.core.errors import InputError
 from cableway.figures import palette, scene
-from cableway.figures.replanning import change_of
 from cableway.records import Plan, Rollout
 from cableway.rendering.camera import Camera
 from cableway.rendering.cell import CellScene, Color, Label, Look, view_direction
@@ -66,7 +65,7 @@ class CellView:
         if way is None or task.cell is None or record.joints is None:
             raise InputError(f"the task {task.name!r} has no cell, or the record has no joints of its arms")
         self._record, self._joints = record, record.joints
-        self._scene = CellScene(as_it_was(task, record), way, LOOK)
+        self._scene = CellScene(task.as_recorded(record.metadata), way, LOOK)
         points = self._scene.bounds(self._joints)
         self._camera = Camera.framing(points, view_direction(task, task.cell), size=size, view=VIEW, margin=0.01)
         x, y, z = LAMP
@@ -100,9 +99,3 @@ def way_of(task: Task, record: Plan | Rollout) -> Way | None:
         if record.joints.shape[2] != joints:
             raise InputError(f"the record has {record.joints.shape[2]} joints of each arm, the arms have {joints}")
     return way
-
-
-def as_it_was(task: Task, record: Plan | Rollout) -> Task:
-    """The task of a record, with obstacles where they are, known or not."""
-    change = change_of(task, record) if isinstance(record, Rollout) else None
-    return task if change is None else task.in_scene(change.whole)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from cableway.core.errors import CablewayError, InputError
+from cableway.core.errors import InputError
 from cableway.figures import palette, scene, style
 from cableway.figures.plan import spread_rows
 from cableway.records import Plan, Rollout
@@ -69,18 +69,15 @@ def change_of(task: Task, rollout: Rollout) -> Change | None:
     Raises:
         InputError: They do not fit the task.
     """
-    plant = rollout.metadata.get("plant")
-    given = plant if isinstance(plant, dict) else {}
-    by, discs, known = (given.get(name) for name in ("obstacles", "pegs", "revealed"))
-    if not (by or discs):
+    actual = task.as_recorded(rollout.metadata)
+    if actual is task:
         return None
+    known = rollout.metadata["plant"].get("revealed")
     try:
-        shifts, more = ([tuple(map(float, row)) for row in rows or ()] for rows in (by, discs))
-        every = task.scene.changed(shifts, more).obstacles  # pyright: ignore[reportArgumentType]
         when = math.inf if known is None else float(known)
-    except (TypeError, ValueError, CablewayError) as error:
-        raise InputError(f"the rollout's plant.obstacles and plant.pegs do not fit the task: {error}") from error
-    size, planned = task.scene.size, task.scene.obstacles
+    except (TypeError, ValueError) as error:
+        raise InputError(f"the rollout's plant.revealed is no time: {error}") from error
+    every, size, planned = actual.scene.obstacles, task.scene.size, task.scene.obstacles
     moved = [index for index, obstacle in enumerate(planned) if every[index] != obstacle]
     kept = tuple(obstacle for index, obstacle in enumerate(planned) if index not in moved)
     others = (*(every[index] for index in moved), *every[len(planned) :])

@@ -5,16 +5,16 @@ from __future__ import annotations
 import copy
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from jaxtyping import Float
 
 from cableway.core.brief import Shown
-from cableway.core.errors import InputError, TaskError
+from cableway.core.errors import CablewayError, InputError, TaskError
 from cableway.core.quantities import limit_text, size_text
 from cableway.geometry import se2
 from cableway.rod.inverse import fit_keypoints, stable_near
@@ -237,6 +237,21 @@ class Task(Draft):
         object.__setattr__(moved, "scene", scene)
         moved.__dict__.pop("outer_bodies", None)  # which depend on the heights of its obstacles
         return moved
+
+    def as_recorded(self, metadata: Mapping[str, Any]) -> Task:
+        """The same task with obstacles and pegs where the metadata of a rollout have them, known or not.
+
+        Raises:
+            InputError: They do not fit the task.
+        """
+        plant = metadata.get("plant")
+        given = plant if isinstance(plant, dict) else {}
+        try:
+            by, discs = ([tuple(map(float, row)) for row in given.get(name) or ()] for name in ("obstacles", "pegs"))
+            changed = self.scene.changed(by, discs)  # pyright: ignore[reportArgumentType]
+        except (TypeError, ValueError, CablewayError) as error:
+            raise InputError(f"the rollout's plant.obstacles and plant.pegs do not fit the task: {error}") from error
+        return self.in_scene(changed) if by or discs else self
 
     def held(self, way: Way) -> Task:
         """The same task in its cell, whose arms hold the cable already; for a run that is under way."""

@@ -25,8 +25,8 @@ def verify_record(
     """Judge a record as what it is.
 
     Args:
-        record: The record; of a rollout, the length of the plant's cable, and in space where its obstacles were, are
-            what the record says.
+        record: The record; of a rollout, the length of the plant's cable and where its obstacles were are what the
+            record says.
         task: The task that it is for.
         limits: What a plan must keep.
 
@@ -46,7 +46,8 @@ def verify_record(
         return verify_spatial_rollout(record, task.as_recorded(record.metadata), same_start=same_start)
     if isinstance(record, Plan):
         return (verify_insertion_plan if inserts else verify_plan)(record, task, limits)
-    return (verify_insertion if inserts else verify_rollout)(record, task, length=plant_length(record, task))
+    judge = verify_insertion if inserts else verify_rollout
+    return judge(record, task.as_recorded(record.metadata), length=plant_length(record, task))
 
 
 def require_verified(
