@@ -44,7 +44,7 @@ class Outcome(StrEnum):
         return member
 
     SUCCESS = "success", "The goal is reached, nothing was touched, and where there is a port the plug is in it."
-    SETTLED = "settled", "The plan was followed to its end and the cable came to rest."
+    SETTLED = "settled", "The cable came to rest where its plan ends."
     MISSED_GOAL = "missed goal", "The cable ended too far from its goal."
     CONTACT = "contact", "The cable, a gripper or the plug touched something."
     NOT_VERIFIED = "not verified", "The independent check found a fault that the run did not report."
