@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from cableway.core.checks import Bounds, Checked, Positive, shown
 from cableway.core.errors import InputError
 from cableway.perception import kernels
+
+SPARSE = 8
+"""Of how many pixels each way one is asked for the background."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,9 +24,12 @@ class CableColor(Checked):
     A pixel is one of the cable if its colour, as a vector, is near that of the cable in direction, which stays the same
     in the shade, and not too far from it in length. A black cable on a light table differs in length alone.
 
+    Near is what may be a mixture of cable and background, the median of the picture, with more of the cable; and what
+    is within `angle` in any case. Where a lens blurs, a cable is as wide as a sharp one then, or narrower in dim light.
+
     Attributes:
         color: Red, green and blue, from 0 to 255, as they are in a picture.
-        angle: Largest angle between the two vectors [rad].
+        angle: Angle between the two vectors [rad] within which a pixel is near, whatever the background.
         darkest: Least length, in those of `color`.
         brightest: Largest length, the same.
 
@@ -44,6 +50,11 @@ class CableColor(Checked):
             )
 
 
+def angle_between(one: Float[np.ndarray, "3"], other: Float[np.ndarray, "3"]) -> float:
+    """The angle between two vectors [rad]."""
+    return math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
+
+
 def cable_mask(image: UInt8[np.ndarray, "h w 3"], color: CableColor) -> Bool[np.ndarray, "h w"]:
     """The pixels of a picture (red, green, blue) that have the colour of the cable.
 
@@ -53,11 +64,12 @@ def cable_mask(image: UInt8[np.ndarray, "h w 3"], color: CableColor) -> Bool[np.
     """
     reference = np.array(color.color, float)
     length = float(np.linalg.norm(reference))
+    background = np.median(image[::SPARSE, ::SPARSE].reshape(-1, 3), axis=0)
     mask = np.empty(image.shape[:2], bool)
     kernels.of_color(
         np.ascontiguousarray(image),
         reference / length,
-        math.cos(color.angle),
+        math.cos(max(color.angle, angle_between(reference, reference + background))),
         color.darkest * length,
         color.brightest * length,
         mask,
