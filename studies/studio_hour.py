@@ -92,20 +92,26 @@ DEEDS: dict[Callable[[Any, random.Random], None], float] = {drag: 5, click: 1, p
 
 
 def memory() -> dict[str, float]:
-    """[MB] of this process, of its planners, and of the browser."""
-    listed = subprocess.run(["ps", "-eo", "pid=,ppid=,rss=,args="], capture_output=True, text=True, check=True).stdout
-    rows = [
-        (int(pid), int(above), int(rss) / 1024, rest) for pid, above, rss, *rest in map(str.split, listed.splitlines())
-    ]
+    """[MB] of this process, of its planners, and of the browser; what processes share counts once."""
+    listed = subprocess.run(["ps", "-eo", "pid=,ppid=,args="], capture_output=True, text=True, check=True).stdout
+    rows = [(int(pid), int(above), " ".join(rest)) for pid, above, *rest in map(str.split, listed.splitlines())]
     ours, found = {os.getpid()}, {"server": 0.0, "planners": 0.0, "browser": 0.0}
-    while more := {pid for pid, above, *_ in rows if above in ours} - ours:
+    while more := {pid for pid, above, _ in rows if above in ours} - ours:
         ours |= more
-    for pid, _, size, rest in rows:
-        said = " ".join(rest)
+    for pid, _, said in rows:
         if pid in ours:
             kind = "server" if pid == os.getpid() else "browser" if "chrom" in said else "planners"
-            found[kind] += size if kind != "planners" or "multiprocessing" in said else 0.0
+            found[kind] += size_of(pid) if kind != "planners" or "multiprocessing" in said else 0.0
     return found
+
+
+def size_of(pid: int) -> float:
+    """Proportional set size [MB] of a process; 0 where it has gone."""
+    try:
+        text = Path(f"/proc/{pid}/smaps_rollup").read_text()
+    except OSError:
+        return 0.0
+    return int(text.split("Pss:")[1].split()[0]) / 1024
 
 
 def play(page: Any, rng: random.Random, seconds: float) -> tuple[Counter[str], list[dict[str, float]]]:
