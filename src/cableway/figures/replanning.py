@@ -45,17 +45,14 @@ class Change(NamedTuple):
         kept: The scene with the obstacles that are where the plan has them.
         expected: The others where the plan has them.
         actual: Where these are, and further ones.
+        whole: All obstacles where they are.
     """
 
     known: float
     kept: Scene
     expected: Scene
     actual: Scene
-
-    @property
-    def whole(self) -> Scene:
-        """All obstacles where they are."""
-        return Scene(self.kept.size, (*self.kept.obstacles, *self.actual.obstacles))
+    whole: Scene
 
     @property
     def name(self) -> str:
@@ -81,7 +78,8 @@ def change_of(task: Task, rollout: Rollout) -> Change | None:
     moved = [index for index, obstacle in enumerate(planned) if every[index] != obstacle]
     kept = tuple(obstacle for index, obstacle in enumerate(planned) if index not in moved)
     others = (*(every[index] for index in moved), *every[len(planned) :])
-    return Change(when, Scene(size, kept), Scene(size, tuple(planned[index] for index in moved)), Scene(size, others))
+    expected = tuple(planned[index] for index in moved)
+    return Change(when, Scene(size, kept), Scene(size, expected), Scene(size, others), actual.scene)
 
 
 class Stop(NamedTuple):

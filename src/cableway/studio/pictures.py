@@ -22,7 +22,7 @@ SIZE = (320, 240)
 DOT = 1
 """Pixels to each side of a keypoint that are coloured."""
 
-GREEN = tuple(int(palette.GREEN[at : at + 2], 16) for at in (1, 3, 5))
+GREEN = palette.rgb(palette.GREEN)
 
 
 class Pictures:
