@@ -367,13 +367,15 @@ def test_rows_take_the_time_that_they_say():
 def test_a_run_from_elsewhere_is_watched_and_not_edited(found: Run, ran: tuple[Run, list[Event]]):
     pytest.importorskip("viser")
     run, heard = ran
-    with Watch(found.task, SolveOptions(controller="open-loop"), patience=0.0) as watch:
+    options = SolveOptions(controller="open-loop", eyes=EyesConfig(cameras=("above",)))
+    with Watch(found.task, options, patience=0.0) as watch:
         for event in (*heard[:-1][:1], Planned(found), *(each for each in heard if isinstance(each, Stepped))):
             if not isinstance(event, Stepped) or event.row.time < 0.25:
                 watch(event)
         running = watch.session.running
         assert running is not None
         assert running.seen == rows_of(heard)[:3]
+        assert running.eyes == options.eyes
         watch(Finished(run))
         assert watch.session.running is not None
         assert watch.session.running.run is run

@@ -167,6 +167,22 @@ def test_pictures_show_what_stands_there_known_or_not():
     assert 0.04 < hidden["unknown"] == pytest.approx(hidden["known"], abs=0.02)
 
 
+def test_what_turns_out_to_stand_there_hides_the_cable_from_then_on():
+    """Until then the cable is not where it should be seen."""
+    x, y = TASK.start[6]
+    post = Disc(center=(float(x), float(y) - 0.06), radius=0.05, height=0.12)
+    there = TASK.in_scene(replace(TASK.scene, obstacles=(*TASK.scene.obstacles, post)))
+    behind = QuasiStaticPlant(TASK, START, Cable().rod)
+    plant = SeenPlant(behind, EyesConfig(cameras=("front",), latency=0.0), actual=there.scene)
+    first = plant.reset()
+    assert first.confidence is not None
+    assert not first.confidence.any()
+    behind.task = there
+    seen = plant.step(np.zeros((2, 3)))
+    assert seen.confidence is not None
+    assert seen.confidence.all()
+
+
 def test_strangers_are_in_the_picture_and_nobody_is_told():
     plain, hiding = shot()
     for stranger in ("cable", "arm"):
