@@ -9,6 +9,7 @@ import pytest
 from recorded_realsense import RATE, record
 
 from cableway.core.errors import InputError
+from cableway.perception import realsense
 from cableway.perception.capture import depth_picture, frames, picture, rate_of
 from cableway.perception.realsense import shots
 
@@ -31,6 +32,17 @@ def test_pictures_are_those_recorded(tmp_path: Path, form: str):
     assert picture(file).shape == (60, 80, 3)
     with pytest.raises(InputError, match="there are no depths in it"):
         depth_picture(file)
+
+
+def test_a_recording_that_is_left_has_stopped_and_its_pictures_are_copies(tmp_path: Path):
+    """Else librealsense plays on for what has gone, and now and then ends the process."""
+    file = tmp_path / "made.db3"
+    record(file, colors())
+    for _ in range(10):
+        with realsense._streaming(str(file)) as (rs, pipeline, profile):
+            pipeline.wait_for_frames()
+        assert profile.get_device().as_playback().current_status() == rs.playback_status.stopped
+    assert all(shot.image.flags.owndata for shot in shots(str(file)))
 
 
 def test_depths_are_in_metres(tmp_path: Path):

@@ -5,6 +5,7 @@ Never tried on a camera: tests play recordings that librealsense's own software 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,6 +31,9 @@ WARM_UP = 30
 
 PATIENCE, REST = 5000, 1000
 """Time [ms] in which the next picture must come, and that the last ones of a recording take that has been read."""
+
+STOPPING = 0.002
+"""Time [s] between two looks whether a recording that was stopped still plays."""
 
 
 class Shot(NamedTuple):
@@ -78,20 +82,26 @@ def shots(source: str) -> Generator[Shot, None, None]:
         def over() -> bool:
             return not live and device.as_playback().current_status() == rs.playback_status.stopped
 
-        for together in _sets(pipeline, over, WARM_UP if live else 0, source):
+        def shot(together: Any) -> Shot | None:
+            """A copy of what came; nothing of librealsense is left, since it must not outlive the pipeline."""
             frames = aligned.process(together)
             color, depth = frames.get_color_frame(), frames.get_depth_frame()
             if not color:
-                continue
-            begun = color.get_timestamp() if begun is None else begun
+                return None
             known = np.asanyarray(depth.get_data()) * np.float64(depth.get_units()) if depth else None
-            yield Shot((color.get_timestamp() - begun) / 1000, _image(rs, color, source), known)
+            return Shot(color.get_timestamp() / 1000, _image(rs, color, source), known)
+
+        for made in _shots(pipeline, shot, over, WARM_UP if live else 0, source):
+            begun = made.time if begun is None else begun
+            yield made._replace(time=made.time - begun)
     if begun is None:
         raise InputError(f"{source}: there is no picture in it")
 
 
-def _sets(pipeline: Any, over: Callable[[], bool], warm_up: int, source: str) -> Iterator[Any]:
-    """Sets of frames, until a recording is over.
+def _shots(
+    pipeline: Any, shot: Callable[[Any], Shot | None], over: Callable[[], bool], warm_up: int, source: str
+) -> Iterator[Shot]:
+    """What is made of sets of frames, until a recording is over.
 
     Raises:
         InputError: None came any more.
@@ -99,10 +109,12 @@ def _sets(pipeline: Any, over: Callable[[], bool], warm_up: int, source: str) ->
     count, waited = 0, 0
     while waited < PATIENCE:
         came, together = pipeline.try_wait_for_frames(REST)
+        made = shot(together) if came and count >= warm_up else None
+        del together
         if came:
             count, waited = count + 1, 0
-            if count > warm_up:
-                yield together
+            if made is not None:
+                yield made
         elif over():
             return
         else:
@@ -111,7 +123,7 @@ def _sets(pipeline: Any, over: Callable[[], bool], warm_up: int, source: str) ->
 
 
 def _image(rs: Any, color: Any, source: str) -> UInt8[np.ndarray, "h w 3"]:
-    """Red, green and blue.
+    """A copy of red, green and blue.
 
     Raises:
         InputError: A recording has colours in another form.
@@ -120,12 +132,15 @@ def _image(rs: Any, color: Any, source: str) -> UInt8[np.ndarray, "h w 3"]:
     if form not in (rs.format.rgb8, rs.format.bgr8):
         raise InputError(f"{source}: colours must be rgb8 or bgr8, got {form.name}")
     image = np.asanyarray(color.get_data())
-    return np.ascontiguousarray(image if form == rs.format.rgb8 else image[..., ::-1])
+    return np.array(image if form == rs.format.rgb8 else image[..., ::-1], order="C")
 
 
 @contextmanager
 def _streaming(source: str) -> Iterator[tuple[Any, Any, Any]]:
     """librealsense, its pipeline of a source that streams, and the profile of that.
+
+    A recording that is stopped before its end plays on for some milliseconds, in a thread of librealsense. That is waited
+    for: where what it plays for has gone, it ends the process.
 
     Raises:
         InputError: It cannot be.
@@ -162,3 +177,7 @@ def _streaming(source: str) -> Iterator[tuple[Any, Any, Any]]:
         yield rs, pipeline, profile
     finally:
         pipeline.stop()
+        playback = None if name == NAME else profile.get_device().as_playback()
+        until = time.monotonic() + PATIENCE / 1000
+        while playback and playback.current_status() != rs.playback_status.stopped and time.monotonic() < until:
+            time.sleep(STOPPING)
