@@ -139,8 +139,8 @@ def _image(rs: Any, color: Any, source: str) -> UInt8[np.ndarray, "h w 3"]:
 def _streaming(source: str) -> Iterator[tuple[Any, Any, Any]]:
     """librealsense, its pipeline of a source that streams, and the profile of that.
 
-    A recording that is stopped before its end plays on for some milliseconds, in a thread of librealsense. That is waited
-    for: where what it plays for has gone, it ends the process.
+    A recording that is stopped before its end plays on for some milliseconds, in a thread of librealsense. That is
+    waited for: where what it plays for has gone, it ends the process.
 
     Raises:
         InputError: It cannot be.
