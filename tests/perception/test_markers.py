@@ -23,15 +23,16 @@ TRUTH = ROD.at_keypoints(LINE[None])[0]
 """Of a cable that is longer than the nominal one and bent otherwise: up to 5 mm from where that is expected."""
 
 
-def marked(places: np.ndarray = TRUTH[1:-1], camera: CalibratedCamera = ABOVE) -> View:
+def marked(places: np.ndarray = TRUTH[1:-1], camera: CalibratedCamera = ABOVE, curve: np.ndarray = LINE) -> View:
     """Markers about the cable at places [m], as a camera sees them; the cable between them hides nothing."""
     radius, bands = CABLE.radius, []
-    along = np.gradient(TRUTH, axis=0)
+    keypoints = ROD.at_keypoints(curve[None])[0]
+    along = np.gradient(keypoints, axis=0)
     for place in places:
-        way = along[np.argmin(np.linalg.norm(TRUTH - place, axis=1))]
+        way = along[np.argmin(np.linalg.norm(keypoints - place, axis=1))]
         line = place + radius * np.array([[-1.0], [0.0], [1.0]]) * way / np.linalg.norm(way)
         bands.append(tube(np.column_stack([line, np.full(3, radius)]), BAND * radius).painted((0.0, 0.6, 0.2), 1))
-    bands.append(tube(np.column_stack([LINE, np.full(len(LINE), radius)]), radius).painted((0.8, 0.3, 0.1), 2))
+    bands.append(tube(np.column_stack([curve, np.full(len(curve), radius)]), radius).painted((0.8, 0.3, 0.1), 2))
     mask = labels(Mesh.joined(bands), camera.pinhole) == 1
     return View(camera, mask, np.zeros_like(mask))
 
@@ -67,6 +68,18 @@ def test_a_low_camera_sees_a_band_above_the_axis_and_that_is_taken_into_account(
     if side == "left":
         plain = marks_of(shown, CABLE.radius)
         assert np.median(np.linalg.norm(plain[:, None] - TRUTH, axis=2).min(axis=1)) > 0.002
+
+
+def test_a_cable_is_found_by_its_markers_where_it_lies_farther_from_what_was_expected_than_these_are_apart():
+    """Marks that no marker is expected near are points of the cable first, by which the others find their names."""
+    rod, line = true_cable((3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    truth = rod.at_keypoints(line[None])[0]
+    expected = CABLE.rod.at_keypoints(CABLE.rod.shapes(NOMINAL[None])[0])[0]
+    assert np.linalg.norm(truth - expected, axis=1).max() > 0.03
+    seen = followed(marked(truth[1:-1], curve=line), frames=2)
+    assert np.isfinite(seen.observation.keypoints[1:-1]).all()
+    assert np.linalg.norm(seen.keypoints - truth, axis=1).max() < 0.003
+    assert seen.known
 
 
 def test_a_hidden_marker_is_left_out_and_the_others_keep_their_names():

@@ -36,7 +36,8 @@ SURPRISING = 0.8
 forgotten. That of a cable that is followed stays below 0.5, but for the first picture."""
 
 PASSES = 2
-"""Times that an update asks which points are of the cable: by what was expected, and by what those tell."""
+"""Times that an update asks which points are of the cable: by what was expected, and by what those tell. The first time
+marks that are too far from where one is expected are points of the cable, by which the others find their names."""
 
 SINGULAR = 1e-12
 """Least eigenvalue of a normal matrix, in its largest one."""
@@ -182,14 +183,15 @@ class CurveEstimator(RodEstimator):
             return curve_kernels.fit(x, modes, poses, units, expected, root, points, weights, *known, far, FITTING)
 
         normal, marks = fitted(np.empty((0, 2)), np.empty(0), np.empty((0, 1, 2))), np.empty((0, 1, 2))
-        for _ in range(PASSES):
+        for turn in range(PASSES):
             held = self._held_by(x, poses)
-            at, residuals = self._beside(points, held, normal, noise)
+            marks = self._named(blobs, held, normal, noise)
+            shown = points if turn else np.concatenate([points, _nameless(blobs, marks)])
+            at, residuals = self._beside(shown, held, normal, noise)
             used = np.isfinite(residuals) & (at > 0) & (at < self.rod.hinges)
             over = at[used].astype(int)  # all points over one hinge together count as one
             weights = 1 / (np.bincount(over, minlength=self.rod.hinges)[over] * noise**2)
-            marks = self._named(blobs, held, normal, noise)
-            normal = fitted(points[used], weights, marks)
+            normal = fitted(shown[used], weights, marks)
         held = self._held_by(x, poses)
         if not np.isfinite(held.stations).all():
             return estimate, None
@@ -248,6 +250,12 @@ class CurveEstimator(RodEstimator):
         bounds = (noise, curve.gate, curve.least, curve.most)
         curve_kernels.gate(points, held.stations, held.by_x, spread @ spread.T, bounds, at, residuals)
         return at, residuals
+
+
+def _nameless(blobs: Sequence[Float[np.ndarray, "b 2"]], marks: Float[np.ndarray, "v n 2"]) -> Float[np.ndarray, "k 2"]:
+    """Of each camera what may be marks [m], and is none of those at the keypoints."""
+    named = [(each[:, None] == seen).all(axis=2).any(axis=1) for each, seen in zip(blobs, marks, strict=True)]
+    return np.concatenate([np.empty((0, 2)), *(each[~known] for each, known in zip(blobs, named, strict=True))])
 
 
 def _inverse_root(normal: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
