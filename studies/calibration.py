@@ -5,13 +5,13 @@
 Each camera stands about where `--camera` puts one, off by some centimetres and degrees, with a lens that distorts. Its
 pictures are of a board held before it, slanted to all sides, partly out of the picture, blurred and with noise; then of
 the board flat on the table at a place that is known. Then how far off corners are found in such pictures, as they are
-and enlarged before. What is seen of a board is computed ray by ray, by OpenCV's model
-of a lens. Prints Markdown.
+and enlarged before. What is seen of a board is computed ray by ray, by OpenCV's model of a lens. Prints Markdown.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from unittest import mock
 
@@ -41,6 +41,9 @@ FARTHEST = 1.1
 
 FILLS = (0.4, 0.8)
 """Share of the picture's width that it fills where it is not farther."""
+
+CORNERS = 20
+"""Pictures of each of eight cameras at each place in which corners are looked at."""
 
 SPOTS = np.array([[x, y, 0.0] for x in (0.05, 0.35, 0.65) for y in (0.05, 0.35, 0.65)])
 """All over the table [m]."""
@@ -96,6 +99,13 @@ def in_hand(board: Board, camera: CalibratedCamera, rng: np.random.Generator) ->
     return pose
 
 
+def on_table(rng: np.random.Generator) -> tuple[tuple[float, float, float], np.ndarray]:
+    """Where a board lies on the table, see `calibrate`, and its pose (4, 4) there."""
+    x, y, angle = *rng.uniform(0.2, 0.4, 2).tolist(), float(rng.uniform(-np.pi, np.pi))
+    c, s = np.cos(angle), np.sin(angle)
+    return (x, y, angle), np.array([[c, s, 0, x], [s, -c, 0, y], [0, 0, -1, 0], [0, 0, 0, 1.0]])
+
+
 def middle_of(board: Board) -> np.ndarray:
     """In the frame of a board [m]."""
     return np.array([board.across, board.down, 0]) * board.square / 2
@@ -107,9 +117,7 @@ def tried(place: str, board: Board, count: int, rng: np.random.Generator) -> np.
     camera = drawn_camera(place, rng)
     rays = rays_of(camera)
     images = [photograph(board, rays, in_hand(board, camera, rng), rng.uniform(0.4, 1.2), rng) for _ in range(count)]
-    spot = (*rng.uniform(0.2, 0.4, 2).tolist(), float(rng.uniform(-np.pi, np.pi)))
-    c, s = np.cos(spot[2]), np.sin(spot[2])
-    lying = np.array([[c, s, 0, spot[0]], [s, -c, 0, spot[1]], [0, 0, -1, 0], [0, 0, 0, 1.0]])
+    spot, lying = on_table(rng)
     into = np.linalg.inv(camera.pinhole.pose)
     try:
         found = calibrate(images, photograph(board, rays, into @ lying, 0.7, rng), board, spot).camera
@@ -125,13 +133,13 @@ def tried(place: str, board: Board, count: int, rng: np.random.Generator) -> np.
     return np.array([1e3 * off, np.degrees(np.linalg.norm(turn)), 1e3 * moved, 1e3 * spots.mean(), 1e3 * spots.max()])
 
 
-def corner_errors(place: str, board: Board, count: int, rng: np.random.Generator, finer: int) -> np.ndarray:
-    """How far off [pixels] corners are found in pictures of a board in hand that are enlarged so many times before."""
+def corner_errors(place: str, board: Board, count: int, rng: np.random.Generator, finer: int, lies: bool) -> np.ndarray:
+    """How far off [pixels] corners of a board in hand, or on the table, are found where pictures are enlarged."""
     camera, errors = drawn_camera(place, rng), [np.empty((0, 2))]
     rays, focal, center = rays_of(camera), camera.pinhole.focal, camera.pinhole.center
     matrix = np.array([[focal[0], 0, center[0]], [0, focal[1], center[1]], [0, 0, 1]])
     for _ in range(count):
-        pose = in_hand(board, camera, rng)
+        pose = np.linalg.inv(camera.pinhole.pose) @ on_table(rng)[1] if lies else in_hand(board, camera, rng)
         image = photograph(board, rays, pose, rng.uniform(0.4, 1.2), rng)
         with mock.patch.object(charuco, "FINER", finer):
             ((found,), _) = charuco.corners_of(board, [image])
@@ -147,7 +155,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("--first", type=int, default=0, help="seed of the first camera of each place")
     parser.add_argument("--count", type=int, default=30, help="cameras of each place")
-    parser.add_argument("--pictures", type=int, default=20, help="of the board in hand")
+    parser.add_argument("--pictures", type=int, default=20, help="of the board in hand; 160 are those of a film")
     parser.add_argument("--board", default="9x6", help="squares in a row, and rows")
     parser.add_argument("--square", type=float, default=0.042, help="side of a square [m]")
     given = parser.parse_args()
@@ -166,12 +174,12 @@ def main() -> None:
         rows = np.array([each for each in found if each is not None])
         told = [f"{np.median(row):.2f}, {np.percentile(row, 95):.2f}, {row.max():.2f}" for row in rows.T]
         print(f"| {place} | {len(rows)} | {len(found) - len(rows)} | {' | '.join(told)} |", flush=True)
-    print("\n| enlarged | corners | root mean square error of a corner [pixels] | p95 | worst |\n|" + " --- |" * 5)
-    for finer in (1, 2, 3):
+    print("\n| board | enlarged | corners | root mean square error [pixels] | p95 | worst |\n|" + " --- |" * 6)
+    for lies, finer in itertools.product((False, True), (1, 2, 3)):
         rngs = [(place, np.random.default_rng([given.first + k, 7])) for place in ("above", "front") for k in range(8)]
-        off = np.concatenate([corner_errors(place, board, given.pictures, rng, finer) for place, rng in rngs])
+        off = np.concatenate([corner_errors(place, board, CORNERS, rng, finer, lies) for place, rng in rngs])
         told = f"{np.sqrt(np.mean(off**2)):.3f} | {np.percentile(off, 95):.3f} | {off.max():.3f}"
-        print(f"| {finer} | {len(off)} | {told} |", flush=True)
+        print(f"| {'on the table' if lies else 'in hand'} | {finer} | {len(off)} | {told} |", flush=True)
 
 
 if __name__ == "__main__":

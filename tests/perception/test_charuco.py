@@ -11,6 +11,7 @@ from cableway.cli import main
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.calibration_file import load_camera
+from cableway.perception.capture import sharpest
 from cableway.perception.charuco import Board, calibrate, corners_of
 from cableway.perception.hand_eye import hand_eye
 from cableway.rendering.camera import Camera
@@ -120,6 +121,27 @@ def assert_found(found: CalibratedCamera, camera: Camera) -> None:
     turn = found.pinhole.pose[:3, :3].T @ camera.pose[:3, :3]
     assert np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0])) < 0.2
     assert off_on_table(found, camera) < 0.001
+
+
+def test_of_a_film_the_sharpest_pictures_count(taken, tmp_path, capsys):
+    """Each picture is followed by two that are blurred; the film is compressed."""
+    camera, images, on_table, _ = taken
+    film = cv2.VideoWriter(str(tmp_path / "film.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (640, 480))  # type: ignore[attr-defined]
+    for image in images:
+        for blur in (0.01, 4.0, 8.0):
+            film.write(cv2.GaussianBlur(image[..., ::-1], (0, 0), blur))
+    film.release()
+    assert len(sharpest(str(tmp_path / "film.avi"), 100)) == 3 * len(images)
+    found = sharpest(str(tmp_path / "film.avi"), len(images))
+    assert max(np.abs(a.astype(float) - b).mean() for a, b in zip(found, images, strict=True)) < 3.0
+    cv2.imwrite(str(tmp_path / "table.png"), cv2.cvtColor(on_table, cv2.COLOR_RGB2BGR))
+    given = ["--table", str(tmp_path / "table.png"), "--place", ",".join(map(str, PLACE))]
+    out = ["--out", str(tmp_path / "camera.json")]
+    assert main(["calibrate", str(tmp_path / "film.avi"), *given, *out]) == 0
+    assert_found(load_camera(tmp_path / "camera.json"), camera)
+    for nothing in ("0", str(tmp_path / "no-film.avi")):
+        assert main(["calibrate", nothing, *given, *out]) == 2
+        assert f"{nothing}: no such folder of pictures, film or recording" in capsys.readouterr().err
 
 
 HELD = np.eye(4)

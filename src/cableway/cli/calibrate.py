@@ -19,13 +19,17 @@ if TYPE_CHECKING:
 CAMERA = "camera.json"
 """What it leaves."""
 
+MOST = 160
+"""Pictures of a film that count: the sharpest ones of as many equal parts of it."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrate(Options):
     """Find a camera's lens and place by pictures of a ChArUco board. Needs pip install 'cableway[vision]'."""
 
-    pictures: Annotated[tyro.conf.Positional[Path | None], option(metavar="FOLDER")] = None
-    """Pictures of the board in some twenty poses, near and slanted to all sides, without that of it on the table."""
+    pictures: Annotated[tyro.conf.Positional[Path | None], option(metavar="FOLDER|FILM")] = None
+    """Pictures of the board in twenty poses or more, near and slanted to all sides, without that of it on the table.
+    With --table, a film of it does as well."""
 
     print_board: Annotated[Path | None, option(metavar="FILE.pdf")] = None
     """Write the board to a file in its true size, to print it, and nothing else."""
@@ -115,12 +119,12 @@ class Calibrate(Options):
 
     def _lying(self, board: Board, table: Path) -> tuple[Calibration, int]:
         """What the pictures say with the one of the board on the table, and how many there are."""
-        from cableway.perception.capture import frames, picture
+        from cableway.perception.capture import picture, sharpest
         from cableway.perception.charuco import calibrate
 
         assert self.pictures is not None
         x, y, angle = self._numbers("place", self.place, ",", 3)
-        images = [frame.image for frame in frames(str(self.pictures))]
+        images = sharpest(str(self.pictures), MOST)
         return calibrate(images, picture(table), board, (x, y, angle)), len(images) + 1
 
     def _held(self, board: Board) -> tuple[HandEye, int]:

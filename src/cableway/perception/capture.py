@@ -96,6 +96,30 @@ def frames(source: str, rate: float = 30.0) -> Iterator[Frame]:
         raise InputError(f"{source}: " + ("there is no such camera" if live else "not a video that OpenCV can read"))
 
 
+def sharpest(source: str, most: int) -> list[UInt8[np.ndarray, "h w 3"]]:
+    """The pictures of a folder; of a film or a recording the sharpest one of each of `most` equal parts.
+
+    Raises:
+        InputError: There is no such source, or nothing in it can be read.
+        MissingExtraError: OpenCV or librealsense is not installed.
+    """
+    if Path(source).is_dir():
+        return [frame.image for frame in frames(source)]
+    if not Path(source).is_file():
+        raise InputError(f"{source}: no such folder of pictures, film or recording")
+    sharpness = np.array([_sharpness(frame.image) for frame in frames(source)])
+    parts = np.array_split(np.arange(len(sharpness)), most)
+    chosen = {int(part[np.argmax(sharpness[part])]) for part in parts if len(part)}
+    return [frame.image for k, frame in enumerate(frames(source)) if k in chosen]
+
+
+def _sharpness(image: UInt8[np.ndarray, "h w 3"]) -> float:
+    """Variance of the Laplacian: of pictures of one thing the larger, the less they are blurred."""
+    import cv2
+
+    return float(cv2.Laplacian(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), cv2.CV_64F).var())
+
+
 def _of_folder(folder: Path, rate: float) -> Iterator[Frame]:
     for count, file in enumerate(_files(folder)):
         yield Frame(count / rate, picture(file))
