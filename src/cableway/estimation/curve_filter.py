@@ -2,8 +2,11 @@
 
 A point says how far the cable is from its prediction across the cable, and nothing along it. Marks at the keypoints
 say that, too; which keypoint a mark is at follows from where the rod is expected, anew in every frame. The rest is that
-of `rod_filter`: the same parameters, prior and drift, and so the same estimate. As the place on the rod to which a
-point belongs depends on the parameters, each update looks for it anew a few times (an iterated extended Kalman filter).
+of `rod_filter`: the same parameters and prior, and so the same estimate. As the place on the rod to which a point
+belongs depends on the parameters, each update looks for it anew a few times (an iterated extended Kalman filter).
+
+What was known is forgotten as the grippers move, not as time goes by: a hidden cable between grippers that stand lies
+where it lay.
 
 It searches in coordinates and parameters (q, p) of the rod, of which the grasps are a function, instead of for the rod
 between given ends: a branch of equilibria that ends at a fold as the grippers move on is no end of the search, which
@@ -51,6 +54,7 @@ class CurveConfig(Checked):
     """Settings of the estimation from points.
 
     Attributes:
+        travel: Way [m] of the faster gripper in which the parameters forget.
         noise: Standard deviation [m] of the points over one hinge of the rod, at rest, with what it cannot explain.
         lag: Time [s] by which a moving cable may be behind; that share of its motion adds to the noise.
         gate: Distance, in standard deviations, from which on a point is of something else.
@@ -63,7 +67,8 @@ class CurveConfig(Checked):
         InputError: A value is out of range.
     """
 
-    noise: Positive[float] = 0.001
+    travel: Positive[float] = 2.0
+    noise: Positive[float] = 0.0015
     lag: NotNegative[float] = 0.01
     gate: Positive[float] = 3.0
     least: Positive[float] = 0.006
@@ -168,7 +173,7 @@ class CurveEstimator(RodEstimator):
         blobs: Sequence[Float[np.ndarray, "b 2"]],
     ) -> tuple[RodEstimate, CurveFit | None]:
         """See `update_points`."""
-        expected, before = self._drifted(estimate)
+        expected, before = self._drifted(estimate, math.exp(-speed / self.curve.travel))
         root = np.linalg.inv(np.linalg.cholesky(before)) / self._spread
         noise = math.hypot(self.curve.noise, self._delay * speed)
         x = np.concatenate([estimate.q, expected[ROD]])

@@ -347,13 +347,13 @@ class ParameterFilter(ABC, Generic[E]):
         weights = np.repeat(np.where(np.isfinite(distance), certainty, 0.0), keypoints.shape[1])
         error = np.nan_to_num(keypoints - expected.keypoints).ravel()
         rows = (expected.by_theta * prior).reshape(-1, len(prior))
-        theta, drifted = self._drifted(estimate)
+        theta, drifted = self._drifted(estimate, self._kept)
         weighted = rows.T * weights
         covariance = np.linalg.inv(np.linalg.inv(drifted) + weighted @ rows)
         return theta + prior * (covariance @ (weighted @ error)), covariance
 
-    def _drifted(self, estimate: E) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
-        """Theta and its covariance, in units of the prior, one control step later."""
-        kept, nominal = self._kept, self._nominal
+    def _drifted(self, estimate: E, kept: float) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
+        """Theta and its covariance, in units of the prior, once a share of what was known is kept."""
+        nominal = self._nominal
         theta = nominal + kept * (estimate.theta - nominal)
         return theta, kept**2 * estimate.covariance + (1 - kept**2) * np.eye(len(self._nominal))

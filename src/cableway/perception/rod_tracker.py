@@ -13,13 +13,15 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
 
 from cableway.core.checks import Checked, NotNegative, Positive, Share
 from cableway.core.errors import InputError
 from cableway.estimation.curve_filter import CurveConfig, CurveEstimator, CurveFit
 from cableway.estimation.deviation import DeviationField
+from cableway.estimation.parameter_filter import LONGEST
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate
 from cableway.geometry.groups import SE2
 from cableway.perception import kernels
@@ -54,8 +56,7 @@ ASKEW_HIDDEN = 0.1
 gripper askew to be where the cable is: it is seen from end to end, and is curved more there than a rod can be."""
 
 PARAMETERS = EstimatorConfig(grasp=0.003)
-"""The prior of the rod. What was seen of it is remembered as long as by controllers: where the memory was a third of
-that, what arms hide for a few seconds was less sure, and off by more, though friction and lag change the shape."""
+"""The prior of the rod."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +72,9 @@ class TrackerConfig(Checked):
         sure: Standard deviation of a keypoint [m] at which its confidence is one half.
         patience: Time [s] from one look for another shape to the next one, where the rod does not explain what is seen.
         most_unexplained: Share of the points that may be something else's, from which on the rod explains too little;
-            no more of them count than of the rod is not seen, for the rest of the cable is where it should be, and none
-            of them where the same was seen while the cable was known to be elsewhere.
+            no more of them count than of the rod is not seen, for the rest of the cable is where it should be. None of
+            them does where no part of the rod that is not seen could reach, and where the same was seen while the cable
+            was known to be elsewhere.
         most_missing: Share of the rod that should be seen and is not, the same.
         most_residual: Root mean square distance [m] of the points from the rod, the same.
         most_askew: How far an end of the rod is from where its gripper would hold it, in standard deviations of the
@@ -141,7 +143,7 @@ class Sighting:
         observation: Keypoints, hidden ones included, with confidence; the grippers as measured.
         keypoints: (n, 2) of the rod [m], all of them: those of the observation, unless that is of markers.
         covariance: (n, 2, 2) of these [m^2].
-        unexplained: Share of the points seen, but for those of what is known to be something else, that are not on the
+        unexplained: Share of the points seen, but for those of what can only be something else, that are not on the
             rod; 0 where none is seen.
         missing: Share of the rod in view, and hidden by nothing known, where no cable is seen.
         hidden: Share of the rod that no camera shows.
@@ -251,11 +253,13 @@ class RodTracker:
         if fit is None:
             return self._lost(track, poses, time)
         field = track.field.later(self._kept).updated(*self._means(fit), self._config.pixel)
-        seen = self._sighting(field, fit, views, poses, time)
+        seen = self._sighting(field, fit, shown.points, views, poses, time)
         waited = time - track.looked
         likely = seen.explained and fit.strain <= STRAINED
-        if likely and seen.hidden <= self._config.most_unexplained and seen.missing <= CLEAR:
+        if likely and seen.missing <= CLEAR:
             beside = shown.points[np.isnan(fit.residuals)]
+            if seen.hidden > self._config.most_unexplained:
+                beside = beside[~self._reached(beside, fit, views)]
             others = np.unique(np.round(np.concatenate([others, beside]) / CELL), axis=0) * CELL
         if likely or not shown or 0 <= waited < self._config.patience:
             return Track(estimate, field, poses, others, track.looked), seen
@@ -321,6 +325,7 @@ class RodTracker:
         self,
         field: DeviationField,
         fit: CurveFit,
+        points: Float[np.ndarray, "k 2"],
         views: Sequence[View],
         poses: Float[np.ndarray, "2 3"],
         time: float,
@@ -332,10 +337,13 @@ class RodTracker:
         covariance += np.einsum("n,ni,nj->nij", np.diag(field.covariance) + config.pixel**2, normals, normals)
         variance = np.linalg.eigvalsh(covariance)[:, -1]
         keypoints = at + field.mean[:, None] * normals
-        distances = np.concatenate([fit.residuals, fit.off])
+        hidden, missing = self._claimed(views, fit)
+        residuals = fit.residuals
+        if missing <= CLEAR:
+            residuals = residuals[np.isfinite(residuals) | self._reached(points, fit, views)]
+        distances = np.concatenate([residuals, fit.off])
         on = distances[np.isfinite(distances)]
         unexplained = 1 - len(on) / len(distances) if len(distances) else 0.0
-        hidden, missing = self._claimed(views, fit)
         residual = float(np.sqrt(np.mean(on**2))) if len(on) else 0.0
         possible = (
             min(unexplained, hidden) <= config.most_unexplained  # what is seen here is nowhere else
@@ -356,10 +364,29 @@ class RodTracker:
 
     def _claimed(self, views: Sequence[View], fit: CurveFit) -> tuple[float, float]:
         """Share of the rod that no camera shows, and of what is in view that is missing."""
-        places = fit.places(self._looked_for())[0]
-        codes = np.array([seen_of(view, places, self._cable.radius) for view in views]).reshape(-1, len(places))
-        seen, missing = (codes == kernels.SEEN).any(axis=0), (codes == kernels.MISSING).any(axis=0)
+        seen, missing = self._shown(views, fit.places(self._looked_for())[0])
         return 1 - float(np.mean(seen)), float(missing.sum() / max((seen | missing).sum(), 1))
+
+    def _shown(
+        self, views: Sequence[View], places: Float[np.ndarray, "m 2"]
+    ) -> tuple[Bool[np.ndarray, "m"], Bool[np.ndarray, "m"]]:
+        """Of each place of the rod [m] whether a camera sees it, and whether one misses it."""
+        codes = np.array([seen_of(view, places, self._cable.radius) for view in views]).reshape(-1, len(places))
+        return (codes == kernels.SEEN).any(axis=0), (codes == kernels.MISSING).any(axis=0)
+
+    def _reached(self, points: Float[np.ndarray, "k 2"], fit: CurveFit, views: Sequence[View]) -> Bool[np.ndarray, "k"]:
+        """Whether a part of the cable that is not seen could be at points [m].
+
+        Such a part lies in the ellipse about the places where it begins and ends in which the ways to both are together
+        no longer than it is. The grippers hold the ends.
+        """
+        places = fit.places(self._places)[0]
+        seen = self._shown(views, places)[0]
+        seen[[0, -1]] = True
+        at = np.flatnonzero(seen)
+        first, last = at[:-1][np.diff(at) > 1], at[1:][np.diff(at) > 1]
+        longest = LONGEST * self._cable.length * (last - first) / (len(places) - 1) + 2 * self._estimator.curve.least
+        return np.any(cdist(points, places[first]) + cdist(points, places[last]) <= longest, axis=1)
 
     def _lost(self, track: Track, poses: Float[np.ndarray, "2 3"], time: float) -> tuple[Track, Sighting]:
         """Where no rod of this length can be held by these grippers."""
