@@ -142,7 +142,7 @@ SUITES = {
         Suite("cell", 3, "obstacles of 5 and 10 cm, few to many, between two arms with 2F-85, usual and long fingers; "
               "milder cables in space on a table", "plant", (12, 120, 360)),
         Suite("eyes", 5, "obstacles of 5 and 10 cm and the paper's tasks between two arms, the cable known by rendered "
-              "pictures alone; the cables of cell", "condition", (6, 56, 168), beside=("true-keypoints",)),
+              "pictures alone; the cables of cell", "condition", (6, 56, 182), beside=("true-keypoints",)),
         Suite("paper-cell", 3, "the catalogue with obstacles of 5 cm between two arms with 2F-85; the cables of cell",
               "task", (2, 33, 33)),
         Suite("lengths", 1, "clutter; cables of 0.15 to 2 m, everything on the table scaled", "cable", (12, 96, 480)),
