@@ -219,7 +219,7 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
     print()
     table("cameras", "hidden, mean, p90 [%]", "90% intervals cover, all, along, across [%]",
           "error over deviation, along, across", "explained [%]", "known [%]", "lost [frames]",
-          "inner markers seen [%]", "explained by markers [%]")  # fmt: skip
+          "inner markers seen [%]", "explained by markers [%]", "rod-by-markers, where it explains [mm]")  # fmt: skip
     for setup in SETUPS:
         error, hidden, explained, known = (
             rows(f"{setup} rod {what}") for what in ("error", "hidden", "explained", "known")
@@ -237,6 +237,7 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
             f"{np.isnan(error).any(axis=1).sum()}",
             f"{100 * np.isfinite(rows(f'{setup} markers error'))[:, 1:-1].mean():.0f}",
             f"{100 * rows(f'{setup} markers explained').mean():.0f}",
+            spread(rows(f"{setup} rod-by-markers error")[rows(f"{setup} markers explained").astype(bool)]),
             head=False,
         )
 
