@@ -144,6 +144,31 @@ def test_what_is_no_cable_is_left_out_and_counted_where_a_hidden_part_of_it_coul
     assert followed(replace(shown, hiding=hiding)).explained
 
 
+def test_where_some_of_the_rod_is_missing_nothing_is_too_far_away_to_be_the_cable():
+    """The rod may be elsewhere than that then."""
+    _, line = true_cable()
+    shown = view(line)
+    gap = shown.mask.copy()
+    gap[:, 290:330] = False
+    seen = followed(striped(replace(shown, mask=gap), 440), frames=1)
+    assert 0.05 < seen.missing < 0.2
+    assert seen.unexplained > 0.3
+
+
+def test_of_a_cable_that_is_partly_hidden_only_what_it_cannot_reach_is_remembered_as_something_else():
+    _, line = true_cable()
+    shown, tracker, hiding = view(line), RodTracker(CABLE, 0.1), np.zeros_like(view(line).mask)
+    hiding[:296, 260:] = True
+    near = shown.mask.copy()
+    near[300:306, 300:315] = True
+    remembered = []
+    for each in (replace(shown, mask=near), striped(shown, 440)):
+        track, seen = tracker.update(tracker.start(POSES, NOMINAL), [replace(each, hiding=hiding)], POSES, 0.0)
+        assert (seen.explained, seen.hidden > 0.3) == (True, True)
+        remembered.append(len(track.others))
+    assert remembered[0] == 0 < remembered[1]
+
+
 def test_what_lay_there_while_the_cable_was_seen_is_no_part_of_it_once_that_is_hidden():
     """But what comes then may be; and where nothing lies any more, the next that does is unknown again."""
     _, line = true_cable()

@@ -126,7 +126,7 @@ class CurveEstimator(RodEstimator):
 
     Args:
         rod: The rod; its length is the first guess.
-        config: The settings of both.
+        config: The settings of both; its memory is for keypoints alone.
         curve: The settings for points.
         control_step: Time [s] between two updates.
     """
