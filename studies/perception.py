@@ -5,8 +5,9 @@
 Runs random tasks of kind "cell" on the table plant, whose cables are of another length, curved, stiff in part and held
 askew; renders each row of the rollouts by three cameras of 640 x 480 pixels, one straight above and two low ones at
 front and back, with blur and noise; and finds the cable again from the pictures and the gripper poses that the joints
-give. Two trackers without a rod get the same (`other_trackers`). "markers" is the rod tracker by markers: the same
-frames are rendered again with green bands at the inner keypoints, and its errors are those of the markers that it sees;
+give. Two trackers without a rod get the same (`other_trackers`). "markers" is the rod tracker by markers and the pixels
+between them: the same frames are rendered again with green bands at the inner keypoints, and its errors are those of
+the markers that it sees;
 "rod-by-markers" has those of all keypoints of the rod that it fits to them. "true curve" is no tracker: the cable's own
 curve, its keypoints at equal distances between the grippers. What it is off is how far the cable was shoved into them,
 which no picture of a cable without marks shows. Rollouts and errors are kept in the folder, so that an interrupted
@@ -31,8 +32,8 @@ from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.markers import MarkerTracker
 from cableway.perception.placement import camera_at
 from cableway.perception.rod_tracker import RodTracker
-from cableway.perception.segmentation import CableColor, cable_mask
-from cableway.perception.views import View, axis_points
+from cableway.perception.segmentation import CableColor, view_of
+from cableway.perception.views import axis_points
 from cableway.records import Rollout
 from cableway.rendering.cell import CellScene, Label
 from cableway.rendering.picture import Light, labels, render
@@ -120,19 +121,19 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
         )
         for name, chosen in SETUPS.items():
             begun = time.process_time()
-            views = [View(eyes[k], cable_mask(made[k][0], color), made[k][1]) for k in chosen]
+            views = [view_of(eyes[k], *made[k], color) for k in chosen]
             tracks[name], seen = tracker.update(tracks[name], views, poses[row], float(rollout.times[row]))
             spent = time.process_time() - begun
             found = seen.observation.keypoints
             note(f"{name} rod", **off(found, *true), **in_deviations(found, true[0], seen.covariance),
                  hidden=seen.hidden, explained=seen.explained, known=seen.known, spent=spent)  # fmt: skip
             begun = time.process_time()
-            views = [View(eyes[k], cable_mask(bands[k][0], green), bands[k][1]) for k in chosen]
+            views = [view_of(eyes[k], *bands[k], color, green) for k in chosen]
             marked[name], marks = by_markers.update(marked[name], views, poses[row], float(rollout.times[row]))
             spent, there = time.process_time() - begun, marks.observation.keypoints
             note(f"{name} markers", **off(there, *true), spent=spent, explained=marks.explained)
             note(f"{name} rod-by-markers", **off(marks.keypoints, *true), spent=spent)
-            views = [View(eyes[k], cable_mask(made[k][0], color), made[k][1]) for k in chosen]
+            views = [view_of(eyes[k], *made[k], color) for k in chosen]
             points = np.concatenate([axis_points(view, task.cable.radius) for view in views])
             for kind in OTHERS:
                 begun = time.process_time()

@@ -17,6 +17,7 @@ from cableway.perception.calibration_file import load_camera, save_camera
 from cableway.perception.capture import Frame
 from cableway.perception.placement import camera_at
 from cableway.perception.segmentation import CableColor
+from cableway.rendering.cell import BAND
 from cableway.rendering.mesh import Mesh, prism, tube
 from cableway.rendering.picture import Light, render
 from cableway.rod.inverse import shape_between
@@ -36,11 +37,16 @@ def shape(k: int) -> np.ndarray:
 
 
 @cache
-def taken(k: int, place: str) -> np.ndarray:
-    """The picture of the cable in a step, by a camera somewhere."""
+def taken(k: int, place: str, banded: bool = False) -> np.ndarray:
+    """The picture of the cable in a step, by a camera somewhere; with green bands at its inner keypoints."""
     table = prism(np.array([[-0.2, -0.2], [0.9, -0.2], [0.9, 0.9], [-0.2, 0.9]]), (-0.01, 0.0)).painted((0.9,) * 3, 1)
     line = np.column_stack([shape(k), np.full(len(shape(k)), CABLE.radius)])
-    mesh = Mesh.joined([table, tube(line, CABLE.radius).painted((0.85, 0.35, 0.05), 4)])
+    bands = [
+        tube(line[at - 1 : at + 2], BAND * CABLE.radius).painted((0.05, 0.55, 0.2), 5)
+        for at in range(CABLE.rod.stride, len(line) - 1, CABLE.rod.stride)
+        if banded
+    ]
+    mesh = Mesh.joined([table, tube(line, CABLE.radius).painted((0.85, 0.35, 0.05), 4), *bands])
     camera = camera_at(place, (0.7, 0.7))
     return render(mesh, camera.pinhole, Light(position=(0.3, 0.3, 2.0), shadows=0)).color
 
@@ -48,10 +54,14 @@ def taken(k: int, place: str) -> np.ndarray:
 @pytest.fixture
 def film(tmp_path: Path) -> Path:
     """A folder of pictures of a cable that moves, and the file of their camera."""
+    return pictures(tmp_path)
+
+
+def pictures(tmp_path: Path, banded: bool = False) -> Path:
     camera, folder = camera_at("above", (0.7, 0.7)), tmp_path / "film"
     folder.mkdir()
     for k in range(STEPS):
-        image = taken(k, "above")
+        image = taken(k, "above", banded)
         cv2.imwrite(str(folder / f"{k:03d}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     save_camera(tmp_path / "camera.json", camera)
     return folder
@@ -81,6 +91,23 @@ def test_keypoints_of_a_film_are_a_recording(cableway: Command, tmp_path: Path, 
     assert len(load_recording(Path("seen/keypoints.csv"))) == STEPS - 1
 
 
+@pytest.mark.parametrize("both", [False, True])
+def test_markers_are_found_in_a_film_with_or_without_the_pixels_between_them(
+    cableway: Command, tmp_path: Path, both: bool
+):
+    options = ["--calibration", tmp_path / "camera.json", "--color", "13,140,51", "--rate", "10", "--out", "seen"]
+    options += ["--tracker", "markers", "--grippers", grippers(tmp_path / "grippers.csv")]
+    options += ["--cable-color", "217,89,13"] if both else []
+    done = cableway("see", pictures(tmp_path, banded=True), *options)
+    assert done.status == 0, done.err
+    found = np.genfromtxt("seen/keypoints.csv", delimiter=",", names=True)
+    keypoints = np.array([[found[f"x{n}"], found[f"y{n}"]] for n in range(1, 12)]).transpose(2, 0, 1)
+    truth = np.array([CABLE.rod.at_keypoints(shape(k)[None])[0] for k in range(STEPS)])
+    off = np.linalg.norm(keypoints - truth[:, 1:-1], axis=2)
+    assert np.isfinite(off).mean() > 0.9
+    assert np.nanmax(off) < 0.001
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -93,6 +120,11 @@ def test_keypoints_of_a_film_are_a_recording(cableway: Command, tmp_path: Path, 
         (("film", "--color", "1,2,3", "--hides", "a.png,b.png"), "--hides must be one for each of 1 sources"),
         (("film", "--color", "1,2,3", "--hides", "none.png"), "none.png: not a picture"),
         (("film", "--color", "1,2,3", "--tracker", "markers"), "--tracker markers needs --grippers"),
+        (("film", "--color", "1,2,3", "--cable-color", "1,2,3"), "--cable-color needs --tracker markers"),
+        (
+            ("film", *["--color", "1,2,3", "--tracker", "markers", "--grippers", "g.csv", "--cable-color", "red"]),
+            "--cable-color must be three numbers",
+        ),
         (("film", "--color", "1,2,3", "--tracker", "eyes"), "unknown tracker 'eyes'; known: markers, rod"),
         (("film", "--color", "1,2,3", "--grippers", "camera.json"), "there is no column 'time'"),
     ],

@@ -37,6 +37,12 @@ def marked(places: np.ndarray = TRUTH[1:-1], camera: CalibratedCamera = ABOVE, c
     return View(camera, mask, np.zeros_like(mask))
 
 
+def with_cable(shown: View) -> View:
+    """The same with the pixels of the cable between its markers told apart from these."""
+    line = tube(np.column_stack([LINE, np.full(len(LINE), CABLE.radius)]), CABLE.radius).painted((0.8, 0.3, 0.1), 2)
+    return replace(shown, mask=(labels(line, shown.camera.pinhole) == 2) & ~shown.mask, marks=shown.mask)
+
+
 def followed(shown: View, frames: int = 3) -> Sighting:
     tracker = MarkerTracker(CABLE, 0.1)
     track = tracker.start(POSES, NOMINAL)
@@ -94,6 +100,26 @@ def test_a_hidden_marker_is_left_out_and_the_others_keep_their_names():
         assert not there[5]
         assert 3 < there.sum() < 11
         assert np.linalg.norm(found - TRUTH, axis=1)[there].max() < 0.0007
+
+
+def test_pixels_between_markers_tell_where_the_cable_is_when_markers_are_hidden():
+    """All but three are, and then all of them: what is observed are markers, and the rod is known by its pixels."""
+    few, none = TRUTH[[2, 6, 10]], TRUTH[:0]
+    alone, both, bare = (followed(shown) for shown in (marked(few), with_cable(marked(few)), with_cable(marked(none))))
+    assert np.linalg.norm(both.keypoints - TRUTH, axis=1).max() < 0.001
+    assert np.linalg.norm(both.keypoints - TRUTH, axis=1).max() < np.linalg.norm(alone.keypoints - TRUTH, axis=1).max()
+    assert np.isfinite(both.observation.keypoints[:, 0]).sum() == 3
+    assert np.isnan(bare.observation.keypoints).all()
+    assert bare.known
+    assert np.linalg.norm(bare.keypoints - TRUTH, axis=1).max() < 0.004
+
+
+def test_a_bare_table_between_markers_counts_where_the_pixels_of_the_cable_are_looked_for():
+    shown = with_cable(marked())
+    bare = followed(replace(shown, mask=np.zeros_like(shown.mask)))
+    assert followed(shown).missing == followed(marked()).missing == 0.0
+    assert bare.missing > 0.15
+    assert not bare.known
 
 
 def test_marks_of_something_else_are_not_named_and_are_counted():

@@ -44,6 +44,10 @@ class See(Options):
     color: Annotated[str, tyro.conf.arg(metavar="R,G,B")]
     """Colour of the cable in the pictures, from 0 to 255; with --tracker markers, that of the markers."""
 
+    cable_color: Annotated[str | None, option(metavar="R,G,B")] = None
+    """With --tracker markers: colour of the cable between them, so that its own pixels count, too; by default, they do
+    not."""
+
     hides: Annotated[str | None, option(metavar="MASK.png")] = None
     """What may hide the cable, such as arms: for each camera a picture that is black where nothing does, or a video
     file or a folder with one for each of its pictures. By default, that is not known, and a table seen where the cable
@@ -91,6 +95,8 @@ class See(Options):
             raise InputError(f"--live must be a port, from 0 to {MOST_PORT}, got {self.live}")
         if self.tracker == "markers" and self.grippers is None:
             raise InputError("--tracker markers needs --grippers: the rod between them says which marker is which")
+        if self.cable_color is not None and self.tracker != "markers":
+            raise InputError("--cable-color needs --tracker markers; without, --color is that of the cable")
         self._check_depth()
         count = len(self.source.split(","))
         for name in ("calibration", "hides", "depth"):
@@ -121,7 +127,7 @@ class See(Options):
         if self.depth is not None:
             from cableway.cli.see_scene import see_scene
 
-            return see_scene(self, self.rgb())
+            return see_scene(self, _rgb("--color", self.color))
         import numpy as np
 
         from cableway.core.files import only_writer
@@ -133,7 +139,8 @@ class See(Options):
         from cableway.scene.files.loading import load_planar_task
         from cableway.workflow.seeing import GripperLog, Seen, see, write_recording
 
-        color = CableColor(color=self.rgb())
+        color = CableColor(color=_rgb("--color", self.color))
+        between = None if self.cable_color is None else CableColor(color=_rgb("--cable-color", self.cable_color))
         cable = Cable() if self.task is None else load_planar_task(self.task).cable
         grippers = None if self.grippers is None else GripperLog.load(self.grippers)
         folder, terminal, found = self.folder("see"), Terminal(self), list[Seen]()
@@ -142,7 +149,7 @@ class See(Options):
         def overlaid(view: LiveView | None) -> Iterator[np.ndarray]:
             """Pictures with what was found in them, noted in `found`; until Ctrl-C."""
             try:
-                for seen in see(eyes, color, cable, grippers, 1 / rate, self.tracker):
+                for seen in see(eyes, color, cable, grippers, 1 / rate, self.tracker, between):
                     at = np.hstack([seen.keypoints, np.full((len(seen.keypoints), 1), cable.radius)])
                     found.append(seen.without_picture())
                     shown = zip(eyes, seen.images, strict=True)
@@ -194,14 +201,15 @@ class See(Options):
             eyes.append(Eye(camera, pictures, None if hiding is None else masks(hiding, rates[0])))
         return eyes, rates[0]
 
-    def rgb(self) -> tuple[float, float, float]:
-        """Red, green and blue of the cable.
 
-        Raises:
-            InputError: They are not three numbers.
-        """
-        try:
-            red, green, blue = (float(part) for part in self.color.split(","))
-        except ValueError:
-            raise InputError(f"--color must be three numbers R,G,B from 0 to 255, got {self.color!r}") from None
-        return red, green, blue
+def _rgb(name: str, given: str) -> tuple[float, float, float]:
+    """Red, green and blue of an option.
+
+    Raises:
+        InputError: They are not three numbers.
+    """
+    try:
+        red, green, blue = (float(part) for part in given.split(","))
+    except ValueError:
+        raise InputError(f"{name} must be three numbers R,G,B from 0 to 255, got {given!r}") from None
+    return red, green, blue

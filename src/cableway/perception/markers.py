@@ -41,12 +41,12 @@ def marks_of(view: View, radius: float, line: Float[np.ndarray, "m 2"] | None = 
     Marks that are cut by what hides the cable are left out, and those of another size than a marker has there.
 
     Args:
-        view: What is seen; its mask is that of the markers.
+        view: What is seen.
         radius: Of the cable [m].
         line: Where the cable about is [m]; None where that is not known. By its direction the middle of what is seen of
             a band is brought to the axis: of one that runs towards a low camera it is nearly a radius above that.
     """
-    mask = view.cable
+    mask = view.markers
     rows, columns = np.nonzero(mask)
     if not len(rows):
         return np.empty((0, 2))
@@ -92,12 +92,16 @@ def _cut(view: View, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 class MarkerTracker(RodTracker):
-    """Follows a cable by its markers: as `RodTracker`, but its views have the mask of the markers, and what it observes
-    are the markers that are seen, where they are seen."""
+    """Follows a cable by its markers, and by its own pixels where its views have both (`View.marks`).
+
+    As `RodTracker`, but what it observes are the markers that are seen, where they are seen. Where views have one mask,
+    that is of the markers.
+    """
 
     def _seen_in(self, views: Sequence[View], track: Track | None = None) -> Evidence:
         line = None if track is None else self._line(track)
-        return Evidence(np.empty((0, 2)), [marks_of(view, self._cable.radius, line) for view in views])
+        marks = [marks_of(view, self._cable.radius, line) for view in views]
+        return super()._seen_in([view for view in views if view.marks is not None])._replace(blobs=marks)
 
     def _line(self, track: Track) -> Float[np.ndarray, "m 2"]:
         """The rod as it was last known [m]."""
@@ -105,8 +109,8 @@ class MarkerTracker(RodTracker):
         rod = replace(self._cable.rod, length=length, modes=tuple(modes))
         return rod.shapes(track.estimate.q[None])[0][0]
 
-    def _looked_for(self) -> Float[np.ndarray, "m"]:
-        return self._keypoints[1:-1]
+    def _looked_for(self, views: Sequence[View]) -> Float[np.ndarray, "m"]:
+        return super()._looked_for(views) if any(view.marks is not None for view in views) else self._keypoints[1:-1]
 
     def _observed(
         self, keypoints: Float[np.ndarray, "n 2"], variance: Float[np.ndarray, "n"], fit: CurveFit
@@ -115,7 +119,7 @@ class MarkerTracker(RodTracker):
 
 
 Tracker = Literal["rod", "markers"]
-"""What finds a cable in pictures: the rod by its own pixels, or by markers on it."""
+"""What finds a cable in pictures: the rod by its own pixels, or by them and by markers on it."""
 
 TRACKERS: dict[str, type[RodTracker]] = {"rod": RodTracker, "markers": MarkerTracker}
 """By name."""

@@ -302,8 +302,8 @@ class RodTracker:
         gone = (codes == kernels.MISSING).any(axis=0) & ~(codes == kernels.SEEN).any(axis=0)
         return others[~gone]
 
-    def _looked_for(self) -> Float[np.ndarray, "m"]:
-        """Places on the rod, in hinges, that should be seen in the mask of a view."""
+    def _looked_for(self, views: Sequence[View]) -> Float[np.ndarray, "m"]:
+        """Places on the rod, in hinges, that should be seen in views."""
         return self._places
 
     def _observed(
@@ -364,7 +364,7 @@ class RodTracker:
 
     def _claimed(self, views: Sequence[View], fit: CurveFit) -> tuple[float, float]:
         """Share of the rod that no camera shows, and of what is in view that is missing."""
-        seen, missing = self._shown(views, fit.places(self._looked_for())[0])
+        seen, missing = self._shown(views, fit.places(self._looked_for(views))[0])
         return 1 - float(np.mean(seen)), float(missing.sum() / max((seen | missing).sum(), 1))
 
     def _shown(

@@ -1,4 +1,4 @@
-"""Segmentation: which pixels of a picture belong to the cable, by colour."""
+"""Segmentation: which pixels of a picture belong to the cable and to its markers, by colour."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from jaxtyping import Bool, Float, UInt8
 from cableway.core.checks import Bounds, Checked, Positive, shown
 from cableway.core.errors import InputError
 from cableway.perception import kernels
+from cableway.perception.calibration import CalibratedCamera
+from cableway.perception.views import View
 
 SPARSE = 8
 """Of how many pixels each way one is asked for the background."""
@@ -75,3 +77,25 @@ def cable_mask(image: UInt8[np.ndarray, "h w 3"], color: CableColor) -> Bool[np.
         mask,
     )
     return mask
+
+
+def view_of(
+    camera: CalibratedCamera,
+    image: UInt8[np.ndarray, "h w 3"],
+    hiding: Bool[np.ndarray, "h w"] | None,
+    color: CableColor,
+    marker: CableColor | None = None,
+) -> View:
+    """What a picture (red, green, blue) shows of a cable.
+
+    Args:
+        camera: That took it.
+        image: The picture.
+        hiding: Which pixels may show something that hides the cable; None where that is not known.
+        color: Of the cable.
+        marker: Of the markers on it, where they are told apart from it.
+
+    Raises:
+        InputError: A mask is not as large as the camera's picture.
+    """
+    return View(camera, cable_mask(image, color), hiding, None if marker is None else cable_mask(image, marker))

@@ -31,6 +31,8 @@ class View:
             show something that hides the cable do not count: hands and arms may be of its colour.
         hiding: Which pixels show something that may hide the cable: hands, arms, posts. None where that is not known: a
             place where the cable should be seen and is not is then taken to be hidden.
+        marks: Which pixels are markers on the cable, and so the cable's, too; None where they are not told apart from
+            it, or it has none.
 
     Raises:
         InputError: A mask is not as large as the camera's picture.
@@ -39,10 +41,11 @@ class View:
     camera: CalibratedCamera
     mask: Bool[np.ndarray, "h w"]
     hiding: Bool[np.ndarray, "h w"] | None = None
+    marks: Bool[np.ndarray, "h w"] | None = None
 
     def __post_init__(self) -> None:
         width, height = self.camera.pinhole.size
-        for name, mask in (("mask", self.mask), ("hiding", self.hiding)):
+        for name, mask in (("mask", self.mask), ("hiding", self.hiding), ("marks", self.marks)):
             if mask is not None and (mask.shape != (height, width) or mask.dtype != bool):
                 raise InputError(
                     f"{name} of a view must be {height} x {width} truth values, as the camera's picture, got "
@@ -52,7 +55,15 @@ class View:
     @property
     def cable(self) -> Bool[np.ndarray, "h w"]:
         """Which pixels are the cable's and nothing else's."""
-        return np.ascontiguousarray(self.mask if self.hiding is None else self.mask & ~self.hiding)
+        return self._shown(self.mask if self.marks is None else self.mask | self.marks)
+
+    @property
+    def markers(self) -> Bool[np.ndarray, "h w"]:
+        """Which pixels are markers and nothing else; all of the mask where they are not told apart from the cable."""
+        return self._shown(self.mask if self.marks is None else self.marks)
+
+    def _shown(self, mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+        return np.ascontiguousarray(mask if self.hiding is None else mask & ~self.hiding)
 
 
 def centreline(view: View) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k"]]:

@@ -19,9 +19,9 @@ from cableway.geometry import polyline
 from cableway.geometry.groups import SE2
 from cableway.perception.markers import TRACKERS
 from cableway.perception.rod_tracker import Sighting, Track, TrackerConfig
-from cableway.perception.segmentation import CableColor, cable_mask
-from cableway.perception.views import View
+from cableway.perception.segmentation import CableColor, view_of
 from cableway.records import Measurement, Observation
+from cableway.rendering.cell import Color
 from cableway.scene.cell import Way
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
@@ -75,9 +75,8 @@ class SeenPlant:
         self._known_scene = self._planned.scene
         actual = None if actual == self._known_scene else actual
         self._photographer = Photographer(self._planned, way, config, actual)
-        marked = config.tracker == "markers"
-        r, g, b = (255 * part for part in (MARKER if marked else LOOK.cable))
-        self._color = CableColor(color=(r, g, b))
+        self._cable = _shown_as(LOOK.cable)
+        self._marker = _shown_as(MARKER) if config.tracker == "markers" else None
         self._tracker = TRACKERS[config.tracker](plant.task.cable, 1 / config.frame_rate)
         self._begin()
 
@@ -208,7 +207,7 @@ class SeenPlant:
         shot = self._photographer.shot(state, self._rng)
         begun = clock.process_time()
         views = [
-            View(camera, cable_mask(picture, self._color), hiding)
+            view_of(camera, picture, hiding, self._cable, self._marker)
             for camera, (picture, hiding) in zip(self._photographer.cameras, shot, strict=True)
         ]
         if self._track is None:
@@ -233,3 +232,9 @@ class SeenPlant:
         apart = np.linalg.norm(keypoints[:, None] - SE2.position(poses), axis=2).min(axis=1) - reach
         room = np.minimum(self.task.scene.signed_distance(keypoints), apart) - self.task.cable.radius
         return bool(deviation.max() < LEAST_SURE and (room >= FREE * deviation)[deviation > SURE].all())
+
+
+def _shown_as(color: Color) -> CableColor:
+    """How something of a colour, of which each part is from 0 to 1, looks in a picture."""
+    r, g, b = (255 * part for part in color)
+    return CableColor(color=(r, g, b))

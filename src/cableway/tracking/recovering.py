@@ -65,7 +65,7 @@ class Recovery(Checked):
     deviation: NotNegative[float] = 0.018
     beside: NotNegative[float] = 0.01
     patience: NotNegative[float] = 0.2
-    goal: NotNegative[float] = 0.0065
+    goal: NotNegative[float] = 0.0075
     rest: NotNegative[float] = 1.0
     foresight: NotNegative[float] = 0.5
     room: NotNegative[float] = 0.006

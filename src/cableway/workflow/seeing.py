@@ -22,7 +22,7 @@ from cableway.perception.capture import IMAGES, Frame, frames, picture
 from cableway.perception.chain import chained
 from cableway.perception.markers import TRACKERS
 from cableway.perception.rod_tracker import RodTracker, Track
-from cableway.perception.segmentation import CableColor, cable_mask
+from cableway.perception.segmentation import CableColor, view_of
 from cableway.perception.views import View, axis_points
 from cableway.scene.cable import Cable
 
@@ -127,6 +127,7 @@ def see(
     grippers: GripperLog | None = None,
     frame_step: float = 1 / 30,
     tracker: str = "rod",
+    cable_color: CableColor | None = None,
 ) -> Iterator[Seen]:
     """Find a cable in pictures, one after the other.
 
@@ -139,22 +140,25 @@ def see(
         grippers: Their poses by time.
         frame_step: Time [s] between two pictures.
         tracker: What finds the cable with gripper poses, one of `markers.TRACKERS`.
+        cable_color: Of the cable between its markers, so that its own pixels count, too; None where they do not.
 
     Raises:
         UnknownNameError: There is no such tracker; the message lists them.
-        InputError: A picture is not as large as its camera's, markers are to be found without gripper poses, or the
-            cable is too short for the grippers.
+        InputError: A picture is not as large as its camera's, markers are to be found without gripper poses, a colour
+            of the cable between markers is given without these, or the cable is too short for the grippers.
     """
     if tracker not in TRACKERS:
         raise UnknownNameError("tracker", tracker, TRACKERS)
     if tracker == "markers" and grippers is None:
         raise InputError("markers are named by the rod between the grippers, and no gripper poses are given")
+    if cable_color is not None and tracker != "markers":
+        raise InputError(f"cable_color is that of a cable between its markers, and the tracker is {tracker!r}")
+    colors = (color, None) if cable_color is None else (cable_color, color)
     follower, track = TRACKERS[tracker](cable, frame_step), None
     before: np.ndarray | None = None
     for shots in zip(*(eye.shots() for eye in eyes), strict=False):
         views = [
-            View(eye.camera, cable_mask(frame.image, color), hides)
-            for eye, (frame, hides) in zip(eyes, shots, strict=True)
+            view_of(eye.camera, frame.image, hides, *colors) for eye, (frame, hides) in zip(eyes, shots, strict=True)
         ]
         time, images = shots[0][0].time, tuple(frame.image for frame, _ in shots)
         if grippers is None:
