@@ -17,6 +17,7 @@ study goes on. Prints Markdown.
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -131,8 +132,9 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
             views = [view_of(eyes[k], *bands[k], color, green) for k in chosen]
             marked[name], marks = by_markers.update(marked[name], views, poses[row], float(rollout.times[row]))
             spent, there = time.process_time() - begun, marks.observation.keypoints
-            note(f"{name} markers", **off(there, *true), spent=spent, explained=marks.explained)
-            note(f"{name} rod-by-markers", **off(marks.keypoints, *true), spent=spent)
+            note(f"{name} markers", **off(there, *true), spent=spent)
+            note(f"{name} rod-by-markers", **off(marks.keypoints, *true), spent=spent, explained=marks.explained,
+                 **in_deviations(marks.keypoints, true[0], marks.covariance), known=marks.known)  # fmt: skip
             views = [view_of(eyes[k], *made[k], color) for k in chosen]
             points = np.concatenate([axis_points(view, task.cable.radius) for view in views])
             for kind in OTHERS:
@@ -218,27 +220,31 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
         spreads = (spread(rows(f"{name} {what}")) for what in ("error", "across", "curve"))
         table(setup, kind, *spreads, times, head=False)
     print()
-    table("cameras", "hidden, mean, p90 [%]", "90% intervals cover, all, along, across [%]",
-          "error over deviation, along, across", "explained [%]", "known [%]", "lost [frames]",
-          "inner markers seen [%]", "explained by markers [%]", "rod-by-markers, where it explains [mm]")  # fmt: skip
-    for setup in SETUPS:
-        error, hidden, explained, known = (
-            rows(f"{setup} rod {what}") for what in ("error", "hidden", "explained", "known")
-        )
-        either, along, across = (rows(f"{setup} rod deviations{what}") for what in ("", "-along", "-across"))
+    table("cameras", "tracker", "90% intervals cover, all, along, across [%]", "error over deviation, along, across",
+          "explained [%]", "known [%]", "lost [frames]", "error where explained, mean, p99, worst [mm]")  # fmt: skip
+    for setup, kind in itertools.product(SETUPS, ("rod", "rod-by-markers")):
+        error, explained, known = (rows(f"{setup} {kind} {what}") for what in ("error", "explained", "known"))
+        deviations = [rows(f"{setup} {kind} deviations{what}") for what in ("", "-along", "-across")]
+        inside = (100 * np.mean(abs(each[np.isfinite(each)]) <= NINETY) for each in deviations)
         table(
             setup,
-            f"{100 * hidden.mean():.0f}, {100 * np.percentile(hidden, 90):.0f}",
-            ", ".join(
-                f"{100 * np.mean(abs(each[np.isfinite(each)]) <= NINETY):.0f}" for each in (either, along, across)
-            ),
-            ", ".join(f"{np.sqrt(np.nanmean(each**2)):.2f}" for each in (along, across)),
+            kind,
+            ", ".join(f"{share:.0f}" for share in inside),
+            ", ".join(f"{np.sqrt(np.nanmean(each**2)):.2f}" for each in deviations[1:]),
             f"{100 * explained.mean():.0f}",
             f"{100 * known.mean():.1f}",
             f"{np.isnan(error).any(axis=1).sum()}",
-            f"{100 * np.isfinite(rows(f'{setup} markers error'))[:, 1:-1].mean():.0f}",
-            f"{100 * rows(f'{setup} markers explained').mean():.0f}",
-            spread(rows(f"{setup} rod-by-markers error")[rows(f"{setup} markers explained").astype(bool)]),
+            spread(error[explained.astype(bool)]),
+            head=False,
+        )
+    print()
+    table("cameras", "hidden, mean, p90 [%]", "inner markers seen [%]")
+    for setup in SETUPS:
+        hidden, seen = rows(f"{setup} rod hidden"), np.isfinite(rows(f"{setup} markers error"))[:, 1:-1]
+        table(
+            setup,
+            f"{100 * hidden.mean():.0f}, {100 * np.percentile(hidden, 90):.0f}",
+            f"{100 * seen.mean():.0f}",
             head=False,
         )
 

@@ -45,7 +45,7 @@ class Run(PlanOptions):
     gets the keypoints of the plant."""
 
     tracker: Annotated[str | None, option(metavar="{rod,markers}")] = None
-    """What finds the cable in the pictures of the cameras: by its own colour, or by coloured markers on it; by default,
+    """What finds the cable in the pictures of the cameras: by its own colour, or by markers on it, too; by default,
     rod."""
 
     depth: Flag = False
