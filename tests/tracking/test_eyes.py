@@ -12,6 +12,7 @@ from cableway.control.base import ControllerState
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.outcome import Outcome
+from cableway.perception import markers
 from cableway.perception.rod_tracker import Sighting
 from cableway.perception.segmentation import CableColor, cable_mask
 from cableway.records import Observation
@@ -151,6 +152,13 @@ def test_markers_are_painted_and_found_again():
         assert np.nanmax(off) < 0.001
     assert plant.record()["known"] == 1.0
     assert plant.record()["mean_error"] < 0.0006
+
+
+def test_a_cable_whose_markers_are_not_found_is_known_by_its_own_pixels(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(markers, "SMALLEST", np.inf)
+    plant = seen_plant(tracker="markers", noise=5.0, blur=0.7, latency=0.0)
+    assert np.isnan(plant.reset().keypoints).all()
+    assert plant.record()["known"] == 1.0
 
 
 def test_pictures_show_what_stands_there_known_or_not():

@@ -127,7 +127,7 @@ class SeenPlant:
         Errors [m] are of the frames in which the cable was known, for certain or with room for what it was not: the
         mean of a frame's keypoints in `mean_error` and `largest_error`, that of single ones in `p99_error`.
         """
-        frames, errors = max(len(self._hidden), 1), np.array(self._errors)
+        frames, errors = max(len(self._hidden), 1), np.reshape(self._errors, (-1, self._plant.task.cable.keypoints))
         return {
             **describe(self._config),
             "frames": len(self._hidden),
