@@ -131,7 +131,8 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
             begun = time.process_time()
             views = [view_of(eyes[k], *bands[k], color, green) for k in chosen]
             marked[name], marks = by_markers.update(marked[name], views, poses[row], float(rollout.times[row]))
-            spent, there = time.process_time() - begun, marks.observation.keypoints
+            spent = time.process_time() - begun
+            there = np.where(marks.marked[:, None], marks.observation.keypoints, np.nan)
             note(f"{name} markers", **off(there, *true), spent=spent)
             note(f"{name} rod-by-markers", **off(marks.keypoints, *true), spent=spent, explained=marks.explained,
                  **in_deviations(marks.keypoints, true[0], marks.covariance), known=marks.known)  # fmt: skip

@@ -1,8 +1,8 @@
 """Markers: bands of one colour about the inner keypoints of a cable, found and named anew in every picture.
 
 The paper follows 13 markers. Here nothing is followed from picture to picture: each mark gets the name of the marker
-that the rod expects there (`estimation.naming`), and one that is hidden, in part or whole, is left out. The keypoints
-at the ends have no markers: hands hide them, and say where they are.
+that the rod expects there (`estimation.naming`), and one that is hidden, in part or whole, is left out: its keypoint is
+the rod's. The keypoints at the ends have no markers: hands hide them, and say where they are.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ def _cut(view: View, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
 class MarkerTracker(RodTracker):
     """Follows a cable by its markers, and by its own pixels where its views have both (`View.marks`).
 
-    As `RodTracker`, but what it observes are the markers that are seen, where they are seen. Where views have one mask,
-    that is of the markers.
+    As `RodTracker`, but keypoints whose markers are seen are where these are. Where views have one mask, that is of the
+    markers.
     """
 
     def _seen_in(self, views: Sequence[View], track: Track | None = None) -> Evidence:
@@ -115,7 +115,8 @@ class MarkerTracker(RodTracker):
     def _observed(
         self, keypoints: Float[np.ndarray, "n 2"], variance: Float[np.ndarray, "n"], fit: CurveFit
     ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
-        return fit.marks, np.where(np.isfinite(fit.marks[:, 0]), self._config.mark**2, np.inf)
+        seen = np.isfinite(fit.marks[:, 0])
+        return np.where(seen[:, None], fit.marks, keypoints), np.where(seen, self._config.mark**2, variance)
 
 
 Tracker = Literal["rod", "markers"]

@@ -141,8 +141,9 @@ class Sighting:
 
     Attributes:
         observation: Keypoints, hidden ones included, with confidence; the grippers as measured.
-        keypoints: (n, 2) of the rod [m], all of them: those of the observation, unless that is of markers.
+        keypoints: (n, 2) of the rod [m]: those of the observation, but for markers that are seen.
         covariance: (n, 2, 2) of these [m^2].
+        marked: Which keypoints of the observation are where their markers are seen.
         unexplained: Share of the points seen, but for those of what can only be something else, that are not on the
             rod; 0 where none is seen.
         missing: Share of the rod in view, and hidden by nothing known, where no cable is seen.
@@ -158,6 +159,7 @@ class Sighting:
     observation: Observation
     keypoints: Float[np.ndarray, "n 2"]
     covariance: Float[np.ndarray, "n 2 2"]
+    marked: Bool[np.ndarray, "n"]
     unexplained: float
     missing: float
     hidden: float
@@ -358,8 +360,9 @@ class RodTracker:
         confidence = config.sure**2 / (config.sure**2 + variance)
         observation = Observation(time, observed, poses, taken=time, confidence=confidence)
         shares = (unexplained, missing, hidden, residual)
+        marked = np.isfinite(fit.marks[:, 0])
         return Sighting(
-            observation, keypoints, covariance, *shares, explained=explained, possible=possible, known=known
+            observation, keypoints, covariance, marked, *shares, explained=explained, possible=possible, known=known
         )
 
     def _claimed(self, views: Sequence[View], fit: CurveFit) -> tuple[float, float]:
@@ -392,6 +395,6 @@ class RodTracker:
         """Where no rod of this length can be held by these grippers."""
         n = self._cable.keypoints
         observation = Observation(time, np.full((n, 2), np.nan), poses, taken=time, confidence=np.zeros(n))
-        nothing = (observation.keypoints, np.full((n, 2, 2), np.inf))
+        nothing = (observation.keypoints, np.full((n, 2, 2), np.inf), np.zeros(n, bool))
         track = replace(track, poses=poses)
         return track, Sighting(observation, *nothing, 1.0, 1.0, 1.0, 0.0, explained=False, possible=False, known=False)

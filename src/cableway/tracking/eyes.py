@@ -133,9 +133,9 @@ class SeenPlant:
             "frames": len(self._hidden),
             "known": sum(self._known) / frames,
             "hidden": sum(self._hidden) / frames,
-            "mean_error": float(np.nanmean(errors)) if len(errors) else None,
-            "p99_error": float(np.nanpercentile(errors, 99)) if len(errors) else None,
-            "largest_error": float(np.nanmean(errors, axis=1).max()) if len(errors) else None,
+            "mean_error": float(np.mean(errors)) if len(errors) else None,
+            "p99_error": float(np.percentile(errors, 99)) if len(errors) else None,
+            "largest_error": float(np.mean(errors, axis=1).max()) if len(errors) else None,
             "lost": self._is_lost(errors),
             "seconds_per_frame": self._spent / frames,
             **self._appeared(),
@@ -151,7 +151,7 @@ class SeenPlant:
 
     def _is_lost(self, errors: Float[np.ndarray, "m n"]) -> bool:
         """Whether the cable was taken to be where it was not, or was not known at the end."""
-        wrong = len(errors) > 0 and float(np.nanmean(errors, axis=1).max()) > LOST
+        wrong = len(errors) > 0 and float(np.mean(errors, axis=1).max()) > LOST
         return wrong or not (self._known and self._known[-1])
 
     def _note(self, now: float, reported: Observation) -> None:
@@ -189,9 +189,7 @@ class SeenPlant:
         if newest is None:
             return replace(reported, keypoints=np.full_like(reported.keypoints, np.nan))
         seen, offset = newest.observation, reported.time - now
-        # where all markers are hidden, and the rod is sure of itself, the loop goes on by what it knows
-        confidence = seen.confidence if np.isfinite(seen.keypoints).any() else None
-        return replace(reported, keypoints=seen.keypoints, confidence=confidence, taken=seen.time + offset)
+        return replace(reported, keypoints=seen.keypoints, confidence=seen.confidence, taken=seen.time + offset)
 
     def _look_out(self, lookout: Lookout, now: float) -> None:
         """See what appeared on the table."""
@@ -216,16 +214,16 @@ class SeenPlant:
         self._spent += clock.process_time() - begun
         self._hidden.append(seen.hidden)
         self._known.append(seen.known or self._has_room(seen, state.poses))
-        if self._known[-1] and np.isfinite(seen.observation.keypoints).any():
+        if self._known[-1]:
             truth = polyline.resample(state.cable, self.task.cable.keypoints)
             self._errors.append(np.linalg.norm(seen.observation.keypoints - truth, axis=1))
         return seen
 
     def _has_room(self, seen: Sighting, poses: Float[np.ndarray, "2 3"]) -> bool:
         """Whether nothing speaks against what was seen, and nothing stands near the keypoints that are not sure."""
-        keypoints = seen.observation.keypoints
-        if not (seen.possible and np.isfinite(keypoints).all()):
+        if not seen.possible:
             return False
+        keypoints = seen.keypoints
         deviation = np.sqrt(np.linalg.eigvalsh(seen.covariance)[:, -1])
         low = [body for body in self.task.grippers.bodies if body.heights[0] < 2 * self.task.cable.radius]
         reach = max(float(np.linalg.norm(body.outline, axis=1).max()) + body.rounding for body in low)
