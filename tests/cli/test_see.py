@@ -13,6 +13,7 @@ from commands import Command
 from cableway.core.errors import InputError
 from cableway.datasets.recordings import load_recording
 from cableway.figures.film import write_film
+from cableway.perception import markers
 from cableway.perception.calibration_file import load_camera, save_camera
 from cableway.perception.capture import Frame
 from cableway.perception.placement import camera_at
@@ -91,21 +92,30 @@ def test_keypoints_of_a_film_are_a_recording(cableway: Command, tmp_path: Path, 
     assert len(load_recording(Path("seen/keypoints.csv"))) == STEPS - 1
 
 
-@pytest.mark.parametrize("both", [False, True])
-def test_markers_are_found_in_a_film_with_or_without_the_pixels_between_them(
-    cableway: Command, tmp_path: Path, both: bool
-):
-    options = ["--calibration", tmp_path / "camera.json", "--color", "13,140,51", "--rate", "10", "--out", "seen"]
-    options += ["--tracker", "markers", "--grippers", grippers(tmp_path / "grippers.csv")]
-    options += ["--cable-color", "217,89,13"] if both else []
-    done = cableway("see", pictures(tmp_path, banded=True), *options)
+def by_markers(tmp_path: Path, *options: str) -> list[str]:
+    """Arguments of `see` for a film of a banded cable."""
+    camera, poses = tmp_path / "camera.json", grippers(tmp_path / "grippers.csv")
+    given = ["--calibration", camera, "--grippers", poses, "--rate", "10", "--out", "seen", "--tracker", "markers"]
+    return [str(each) for each in (pictures(tmp_path, banded=True), *given, "--color", "13,140,51", *options)]
+
+
+def test_markers_are_found_in_a_film(cableway: Command, tmp_path: Path):
+    done = cableway("see", *by_markers(tmp_path))
     assert done.status == 0, done.err
     found = np.genfromtxt("seen/keypoints.csv", delimiter=",", names=True)
-    keypoints = np.array([[found[f"x{n}"], found[f"y{n}"]] for n in range(1, 12)]).transpose(2, 0, 1)
+    keypoints = np.array([[found[f"x{n}"], found[f"y{n}"]] for n in range(13)]).transpose(2, 0, 1)
     truth = np.array([CABLE.rod.at_keypoints(shape(k)[None])[0] for k in range(STEPS)])
-    off = np.linalg.norm(keypoints - truth[:, 1:-1], axis=2)
-    assert np.isfinite(off).mean() > 0.9
-    assert np.nanmax(off) < 0.001
+    assert np.linalg.norm(keypoints - truth, axis=2).max() < 0.001
+
+
+@pytest.mark.parametrize("between", [(), ("--cable-color", "217,89,13")])
+def test_where_no_marker_is_found_a_cable_is_by_its_colour_if_that_is_given(
+    cableway: Command, tmp_path: Path, between: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(markers, "SMALLEST", np.inf)
+    done = cableway("see", *by_markers(tmp_path, *between))
+    assert json.loads(Path("seen/report.json").read_text())["known"] == (STEPS if between else 0)
+    assert done.status == (0 if between else 1)
 
 
 @pytest.mark.parametrize(
