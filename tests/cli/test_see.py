@@ -99,8 +99,9 @@ def by_markers(tmp_path: Path, *options: str) -> list[str]:
     return [str(each) for each in (pictures(tmp_path, banded=True), *given, "--color", "13,140,51", *options)]
 
 
-def test_markers_are_found_in_a_film(cableway: Command, tmp_path: Path):
-    done = cableway("see", *by_markers(tmp_path))
+@pytest.mark.parametrize("between", [(), ("--cable-color", "217,89,13")])
+def test_markers_are_found_in_a_film(cableway: Command, tmp_path: Path, between: tuple[str, ...]):
+    done = cableway("see", *by_markers(tmp_path, *between))
     assert done.status == 0, done.err
     found = np.genfromtxt("seen/keypoints.csv", delimiter=",", names=True)
     keypoints = np.array([[found[f"x{n}"], found[f"y{n}"]] for n in range(13)]).transpose(2, 0, 1)
@@ -201,3 +202,9 @@ def test_calibrate_says_what_it_needs(cableway: Command, film: Path):
     assert (done.status, "--board must be 2 numbers" in done.err) == (2, True)
     done = cableway("calibrate", film, "--table", film / "000.png")
     assert (done.status, f"0 of {STEPS + 1} pictures show" in done.err) == (2, True)
+
+
+def test_a_colour_between_markers_needs_markers():
+    orange, eye = CableColor(color=(217, 89, 13)), Eye(camera_at("above", (0.7, 0.7)), [Frame(0.0, taken(0, "above"))])
+    with pytest.raises(InputError, match="a cable between its markers, and the tracker is 'rod'"):
+        next(see([eye], orange, CABLE, cable_color=orange))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from seen_cables import ABOVE, CABLE, NOMINAL, POSES, true_cable
 
+from cableway.core.errors import InputError
 from cableway.estimation.naming import named
 from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.markers import MarkerTracker, marks_of
@@ -60,6 +61,8 @@ def test_markers_are_found_and_named_and_say_where_along_the_cable_a_keypoint_is
     seen = followed(marked())
     found = seen.observation.keypoints
     assert seen.marked.tolist() == [False, *[True] * 11, False], "hands hold the ends"
+    beside = np.linalg.norm(found - seen.keypoints, axis=1) > 1e-6
+    np.testing.assert_array_equal(beside, seen.marked, "markers are where they are seen, and not where the rod is")
     assert np.linalg.norm(found - TRUTH, axis=1)[1:-1].max() < 0.0007
     assert np.linalg.norm(seen.keypoints - TRUTH, axis=1).max() < 0.0015, "the rod, the ends included"
     assert seen.known
@@ -118,6 +121,19 @@ def test_pixels_between_markers_tell_where_the_cable_is_when_markers_are_hidden(
     np.testing.assert_array_equal(bare.observation.keypoints, bare.keypoints)
     assert bare.known
     assert np.linalg.norm(bare.keypoints - TRUTH, axis=1).max() < 0.004
+
+
+def test_a_view_tells_markers_from_the_cable_of_which_they_are():
+    shown = with_cable(marked())
+    assert shown.marks is not None
+    hiding = np.zeros_like(shown.mask)
+    hiding[:, :300] = True
+    both = replace(shown, hiding=hiding)
+    np.testing.assert_array_equal(both.cable, (shown.mask | shown.marks) & ~hiding)
+    np.testing.assert_array_equal(both.markers, shown.marks & ~hiding)
+    np.testing.assert_array_equal(replace(both, marks=None).markers, shown.mask & ~hiding)
+    with pytest.raises(InputError, match="marks of a view must be 480 x 640 truth values"):
+        replace(shown, marks=np.zeros((2, 2), bool))
 
 
 def test_a_bare_table_between_markers_counts_where_the_pixels_of_the_cable_are_looked_for():

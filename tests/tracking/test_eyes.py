@@ -149,6 +149,8 @@ def test_markers_are_painted_and_found_again():
         seen = look()
         off = np.linalg.norm(seen.keypoints - plant.measure().keypoints, axis=1)
         assert off.max() < 0.001
+        assert seen.confidence is not None
+        assert (seen.confidence > 0.95).sum() > 8
     assert plant.record()["known"] == 1.0
     assert plant.record()["mean_error"] < 0.0006
 
