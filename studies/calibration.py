@@ -1,11 +1,12 @@
 """How well a first calibration by the docs finds a camera: drawn cameras, lenses and pictures of a board in hand.
 
-    .venv/bin/python studies/calibration.py [--first 0] [--count 30] [--pictures 20] [--board 9x6 --square 0.042]
+    .venv/bin/python studies/calibration.py [--first 0] [--count 30] [--pictures 20] [--slid 0]
 
 Each camera stands about where `--camera` puts one, off by some centimetres and degrees, with a lens that distorts. Its
 pictures are of a board held before it, slanted to all sides, partly out of the picture, blurred and with noise; then of
-the board flat on the table at a place that is known. Then how far off corners are found in such pictures, as they are
-and enlarged before. What is seen of a board is computed ray by ray, by OpenCV's model of a lens. Prints Markdown.
+the board flat on the table at a place that is known, and slid about there. Then how far off corners are found in such
+pictures, as they are and enlarged before. What is seen of a board is computed ray by ray, by OpenCV's model of a lens.
+Prints Markdown.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from cableway.core.errors import InputError
 from cableway.perception import charuco
 from cableway.perception.calibration import CalibratedCamera
-from cableway.perception.charuco import SQUARE_PIXELS, Board, calibrate
+from cableway.perception.charuco import SQUARE_PIXELS, Board
 from cableway.perception.placement import camera_at
+from cableway.perception.table_pose import calibrate
 from cableway.rendering.camera import Camera
 
 WORKSPACE, SIZE = (0.7, 0.7), (640, 480)
@@ -41,6 +43,9 @@ FARTHEST = 1.1
 
 FILLS = (0.4, 0.8)
 """Share of the picture's width that it fills where it is not farther."""
+
+PLACED, SLID = (0.2, 0.4), (0.1, 0.6)
+"""Where the first corner of a board on the table is, in x and in y [m]: at a place that is known, and slid about."""
 
 CORNERS = 20
 """Pictures of each of eight cameras at each place in which corners are looked at."""
@@ -99,9 +104,11 @@ def in_hand(board: Board, camera: CalibratedCamera, rng: np.random.Generator) ->
     return pose
 
 
-def on_table(rng: np.random.Generator) -> tuple[tuple[float, float, float], np.ndarray]:
+def on_table(
+    rng: np.random.Generator, within: tuple[float, float] = PLACED
+) -> tuple[tuple[float, float, float], np.ndarray]:
     """Where a board lies on the table, see `calibrate`, and its pose (4, 4) there."""
-    x, y, angle = *rng.uniform(0.2, 0.4, 2).tolist(), float(rng.uniform(-np.pi, np.pi))
+    x, y, angle = *rng.uniform(*within, 2).tolist(), float(rng.uniform(-np.pi, np.pi))
     c, s = np.cos(angle), np.sin(angle)
     return (x, y, angle), np.array([[c, s, 0, x], [s, -c, 0, y], [0, 0, -1, 0], [0, 0, 0, 1.0]])
 
@@ -111,7 +118,7 @@ def middle_of(board: Board) -> np.ndarray:
     return np.array([board.across, board.down, 0]) * board.square / 2
 
 
-def tried(place: str, board: Board, count: int, rng: np.random.Generator) -> np.ndarray | None:
+def tried(place: str, board: Board, count: int, slid: int, rng: np.random.Generator) -> np.ndarray | None:
     """Of a camera how far off it is found to be: the table at the board [mm], its turn [degrees], the camera [mm], and
     spots all over the table [mm], the mean and the worst; None where the pictures are refused."""
     camera = drawn_camera(place, rng)
@@ -119,8 +126,11 @@ def tried(place: str, board: Board, count: int, rng: np.random.Generator) -> np.
     images = [photograph(board, rays, in_hand(board, camera, rng), rng.uniform(0.4, 1.2), rng) for _ in range(count)]
     spot, lying = on_table(rng)
     into = np.linalg.inv(camera.pinhole.pose)
+    poses = [lying, *(on_table(rng, SLID)[1] for _ in range(slid))]
     try:
-        found = calibrate(images, photograph(board, rays, into @ lying, 0.7, rng), board, spot).camera
+        found = calibrate(
+            images, [photograph(board, rays, into @ pose, 0.7, rng) for pose in poses], board, spot
+        ).camera
     except InputError as error:
         print(f"{place}: {error}", file=sys.stderr)
         return None
@@ -156,6 +166,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="seed of the first camera of each place")
     parser.add_argument("--count", type=int, default=30, help="cameras of each place")
     parser.add_argument("--pictures", type=int, default=20, help="of the board in hand; 160 are those of a film")
+    parser.add_argument("--slid", type=int, default=0, help="further pictures of the board on the table, slid about")
     parser.add_argument("--board", default="9x6", help="squares in a row, and rows")
     parser.add_argument("--square", type=float, default=0.042, help="side of a square [m]")
     given = parser.parse_args()
@@ -168,7 +179,7 @@ def main() -> None:
     print(f"| {' | '.join(names)} |\n|{' --- |' * len(names)}")
     for place in ("above", "front"):
         found = [
-            tried(place, board, given.pictures, np.random.default_rng([given.first + k, len(place)]))
+            tried(place, board, given.pictures, given.slid, np.random.default_rng([given.first + k, len(place)]))
             for k in range(given.count)
         ]
         rows = np.array([each for each in found if each is not None])

@@ -12,8 +12,10 @@ from cableway.core.errors import InputError, UnknownNameError
 from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.calibration_file import load_camera
 from cableway.perception.capture import sharpest
-from cableway.perception.charuco import Board, calibrate, corners_of
+from cableway.perception.charuco import Board, Corners, Lens, corners_of
 from cableway.perception.hand_eye import hand_eye
+from cableway.perception.lying import first_of_plane
+from cableway.perception.table_pose import calibrate
 from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import Mesh
 from cableway.rendering.picture import Light, render
@@ -89,10 +91,40 @@ def taken():
 
 def test_a_camera_is_found_to_a_millimetre_and_a_fifth_of_a_degree(taken):
     camera, images, on_table, _ = taken
-    found = calibrate(images, on_table, BOARD, PLACE)
+    found = calibrate(images, [on_table], BOARD, PLACE)
     assert found.pictures >= 7
     assert max(found.lens_residual, found.table_residual) < 0.3
     assert_found(found.camera, camera)
+
+
+def tilted(found: np.ndarray, true: np.ndarray) -> float:
+    """Angle between the normals of two planes [rad]."""
+    return float(np.arccos(np.clip(found[:3, 2] @ true[:3, 2], -1.0, 1.0)))
+
+
+def test_boards_slid_about_on_a_table_tell_how_it_is_tilted_and_the_first_where_it_is():
+    """Corners are off by 0.1 pixels, and one of them, on each board, by 5."""
+    rng, points = np.random.default_rng(0), np.array([[x, y, 0.0] for x in range(1, 7) for y in range(1, 5)]) * 0.03
+    lens = Lens(
+        np.array([[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]), np.zeros(5), 0.0, np.eye(4)[None]
+    )
+    first = np.eye(4)
+    first[:3, :3], first[:3, 3] = cv2.Rodrigues(np.array([0.1, -0.05, 0.4]))[0], [-0.1, -0.1, 1.5]
+
+    def seen(x: float, y: float, angle: float) -> Corners:
+        within = np.eye(4)
+        within[:3, :3], within[:3, 3] = cv2.Rodrigues(np.array([0.0, 0.0, angle]))[0], [x, y, 0.0]
+        pixels = lens.shown(points, first @ within) + 0.1 * rng.standard_normal((len(points), 2))
+        pixels[int(rng.integers(len(points)))] += 5.0
+        return Corners(points.astype(np.float32), pixels.astype(np.float32))
+
+    lying = [seen(0.0, 0.0, 0.0), *(seen(*rng.uniform(-0.3, 0.3, 2), rng.uniform(-3, 3)) for _ in range(8))]
+    alone, residual = first_of_plane(lens, lying[:1])
+    found, _ = first_of_plane(lens, lying)
+    assert tilted(found, first) < np.radians(0.1)
+    assert tilted(found, first) < tilted(alone, first) / 3
+    assert np.linalg.norm(found[:3, 3] - first[:3, 3]) < 0.001
+    assert residual == pytest.approx(np.sqrt(2 * 0.1**2 + 2 * 5.0**2 / len(points)), rel=0.1)
 
 
 @pytest.mark.parametrize(("share", "most"), [(1.0, 0.06), (0.3, 0.12)])
@@ -142,6 +174,28 @@ def test_of_a_film_the_sharpest_pictures_count(taken, tmp_path, capsys):
     for nothing in ("0", str(tmp_path / "no-film.avi")):
         assert main(["calibrate", nothing, *given, *out]) == 2
         assert f"{nothing}: no such folder of pictures, film or recording" in capsys.readouterr().err
+
+
+def test_the_board_is_slid_about_in_a_folder_or_a_film_that_begins_at_its_place(taken, tmp_path):
+    camera, images, on_table, _ = taken
+    light, slid = Light(position=(0.3, -0.2, 3.0), ambient=0.7, shadows=0), tmp_path / "slid"
+    for folder in (tmp_path / "hand", slid):
+        folder.mkdir()
+    poses = [lying(), lying()]
+    poses[0][:2, 3], poses[1][:2, 3] = [0.12, 0.55], [0.3, 0.4]
+    others = [render(board_mesh(pose), camera, light, samples=3, background=(0.6, 0.6, 0.6)).color for pose in poses]
+    film = cv2.VideoWriter(str(tmp_path / "slid.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (640, 480))  # type: ignore[attr-defined]
+    for k, image in enumerate([on_table, *others]):
+        cv2.imwrite(str(slid / f"{k}.png"), image[..., ::-1])
+        film.write(np.ascontiguousarray(image[..., ::-1]))
+    film.release()
+    for k, image in enumerate(images):
+        cv2.imwrite(str(tmp_path / "hand" / f"{k}.png"), image[..., ::-1])
+    given = ["--place", ",".join(map(str, PLACE)), "--out", str(tmp_path / "camera.json")]
+    for source in (slid, tmp_path / "slid.avi"):
+        assert main(["calibrate", str(tmp_path / "hand"), "--table", str(source), *given]) == 0
+        assert_found(load_camera(tmp_path / "camera.json"), camera)
+        assert json.loads((tmp_path / "camera.json").read_text())["pictures"] == len(images) + 3
 
 
 HELD = np.eye(4)
@@ -240,11 +294,11 @@ def test_pictures_without_a_board_are_refused(taken):
     _, images, on_table, _ = taken
     empty = np.full_like(on_table, 128)
     with pytest.raises(InputError, match="on the table shows fewer"):
-        calibrate(images, empty, BOARD, PLACE)
+        calibrate(images, [empty], BOARD, PLACE)
     with pytest.raises(InputError, match="1 of 3 pictures"):
-        calibrate([empty, empty], on_table, BOARD, PLACE)
+        calibrate([empty, empty], [on_table], BOARD, PLACE)
     with pytest.raises(InputError, match="one size"):
-        calibrate(images, on_table[:-1], BOARD, PLACE)
+        calibrate(images, [on_table[:-1]], BOARD, PLACE)
 
 
 def test_boards_that_cannot_be_are_refused():

@@ -13,14 +13,18 @@ from cableway.cli.terminal import Terminal, pairs
 from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
-    from cableway.perception.charuco import Board, Calibration
+    from cableway.perception.charuco import Board
     from cableway.perception.hand_eye import HandEye
+    from cableway.perception.table_pose import Calibration
 
 CAMERA = "camera.json"
 """What it leaves."""
 
 MOST = 160
 """Pictures of a film that count: the sharpest ones of as many equal parts of it."""
+
+MOST_ON_TABLE = 20
+"""The same of a film of the board on the table."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,15 +38,17 @@ class Calibrate(Options):
     print_board: Annotated[Path | None, option(metavar="FILE.pdf")] = None
     """Write the board to a file in its true size, to print it, and nothing else."""
 
-    table: Annotated[Path | None, option(metavar="PICTURE")] = None
-    """A picture of the board flat on the table; this or --poses."""
+    table: Annotated[Path | None, option(metavar="PICTURE|FOLDER|FILM")] = None
+    """A picture of the board flat on the table; or a folder or a film of it slid about there, all over the table, which
+    tells better how that is tilted: it is at --place in the first picture. This or --poses."""
 
     poses: Annotated[Path | None, option(metavar="FILE.csv")] = None
     """Where the gripper that held the board was: a row for each picture, with the columns picture, its name in the
     folder, x, y, z [m], rx, ry, rz, the rotation vector [rad]. This or --table."""
 
     place: Annotated[str, tyro.conf.arg(metavar="X,Y,THETA")] = "0,0,0"
-    """With --table: where the upper left corner of its drawing lies then [m], and the angle of its first row [rad]."""
+    """With --table: where the upper left corner of its drawing lies in the first picture of these [m], and the angle of
+    its first row [rad]."""
 
     base: Annotated[str, tyro.conf.arg(metavar="X,Y,Z,THETA")] = "0,0,0,0"
     """With --poses: where the frame of these poses, that of the robot's base, is in the frame of the workspace [m],
@@ -118,14 +124,18 @@ class Calibrate(Options):
         return 0
 
     def _lying(self, board: Board, table: Path) -> tuple[Calibration, int]:
-        """What the pictures say with the one of the board on the table, and how many there are."""
-        from cableway.perception.capture import picture, sharpest
-        from cableway.perception.charuco import calibrate
+        """What the pictures say with those of the board on the table, and how many there are."""
+        from cableway.perception.capture import IMAGES, frames, picture, sharpest
+        from cableway.perception.table_pose import calibrate
 
         assert self.pictures is not None
         x, y, angle = self._numbers("place", self.place, ",", 3)
         images = sharpest(str(self.pictures), MOST)
-        return calibrate(images, picture(table), board, (x, y, angle)), len(images) + 1
+        if table.suffix.lower() in IMAGES:
+            lying = [picture(table)]
+        else:  # the first one is at the place, be it the sharpest or not
+            lying = [next(iter(frames(str(table)))).image, *sharpest(str(table), MOST_ON_TABLE)[1:]]
+        return calibrate(images, lying, board, (x, y, angle)), len(images) + len(lying)
 
     def _held(self, board: Board) -> tuple[HandEye, int]:
         """What the pictures say with the poses of the gripper, and how many there are."""

@@ -1,12 +1,10 @@
-"""Calibration by pictures of a ChArUco board: the lens, and where the camera is over the table.
+"""Pictures of a ChArUco board: its corners, and the lens that shows them.
 
-The board is shown to the camera in several poses; in one picture it lies on the table at a place that is known. OpenCV
-finds its corners and fits the lens (Zhang 2000, "A flexible new technique for camera calibration").
+OpenCV finds the corners and fits the lens (Zhang 2000, "A flexible new technique for camera calibration").
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
@@ -84,69 +82,6 @@ class Board(Checked):
         return self.in_opencv().generateImage(size, marginSize=0, borderBits=1)
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """What pictures of a board say.
-
-    Attributes:
-        camera: The camera, in the frame of the table.
-        lens_residual: Root mean square distance [pixels] of corners from where the lens would show them, all pictures.
-        table_residual: The same of the picture with the board on the table.
-        pictures: Pictures that counted.
-        corners: Corners in all of them.
-    """
-
-    camera: CalibratedCamera
-    lens_residual: float
-    table_residual: float
-    pictures: int
-    corners: int
-
-
-def calibrate(
-    images: Sequence[UInt8[np.ndarray, "h w 3"]],
-    on_table: UInt8[np.ndarray, "h w 3"],
-    board: Board,
-    place: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Calibration:
-    """The camera that took pictures of a board.
-
-    Args:
-        images: Of the board in various poses, near and slanted; (red, green, blue).
-        on_table: Of the board flat on the table, its face up.
-        board: What it is.
-        place: Where its first corner is then, and along which angle its first row goes (x, y, theta) [m, m, rad]: the
-            corner of the printed board that is the upper left one of its drawing.
-
-    Raises:
-        InputError: The pictures differ in size, show too few corners, or too few of them show enough.
-        MissingExtraError: OpenCV is not installed.
-    """
-    (lying, *found), size = corners_of(board, (on_table, *images))
-    found = [corners for corners in (*found, lying) if corners is not None]
-    if len(found) < LEAST_PICTURES:
-        raise InputError(
-            f"{len(found)} of {len(images) + 1} pictures show {LEAST_CORNERS} corners of the board or more; "
-            f"{LEAST_PICTURES} must"
-        )
-    if lying is None:
-        raise InputError(
-            f"the picture of the board on the table shows fewer than {LEAST_CORNERS} of its corners: all of it must be "
-            f"in the picture, and its markers {MARKER_PIXELS} pixels wide or wider there"
-        )
-    lens = fitted_lens(found, size)
-    import cv2
-
-    points, pixels = lying
-    _, turn, at = cv2.solvePnP(points, pixels, lens.matrix, lens.distortion)
-    turn, at = cv2.solvePnPRefineLM(points, pixels, lens.matrix, lens.distortion, turn, at)
-    seen = _pose(turn, at)
-    off = np.sum((lens.shown(points, seen) - pixels) ** 2, axis=1)
-    camera = lens.camera(size, *_of_table(seen[:3, :3], seen[:3, 3], place))
-    corners = sum(len(points) for points, _ in found)
-    return Calibration(camera, lens.residual, math.sqrt(float(off.mean())), len(found), corners)
-
-
 class Corners(NamedTuple):
     """Corners of a board in a picture: on the board [m] and in the picture (u, v) [pixels]."""
 
@@ -213,6 +148,15 @@ def fitted_lens(found: Sequence[Corners], size: tuple[int, int]) -> Lens:
     return Lens(matrix, np.ravel(distortion)[:5], float(residual), boards)
 
 
+def seen_board(lens: Lens, corners: Corners) -> Float[np.ndarray, "4 4"]:
+    """The pose in the frame of a camera of a board whose corners it shows."""
+    import cv2
+
+    points, pixels = corners
+    _, turn, at = cv2.solvePnP(points, pixels, lens.matrix, lens.distortion)
+    return _pose(*cv2.solvePnPRefineLM(points, pixels, lens.matrix, lens.distortion, turn, at))
+
+
 def _pose(turn: Float[np.ndarray, "3 1"], at: Float[np.ndarray, "3 1"]) -> Float[np.ndarray, "4 4"]:
     """A pose of OpenCV's rotation vector and translation."""
     import cv2
@@ -234,14 +178,3 @@ def _corners(drawn: Any, image: UInt8[np.ndarray, "h w 3"]) -> Corners | None:
     points, pixels = drawn.matchImagePoints(corners, names)
     pixels = (np.asarray(pixels, np.float32).reshape(-1, 2) + 0.5) / FINER - 0.5  # of middles of pixels
     return Corners(np.asarray(points, np.float32).reshape(-1, 3), pixels)
-
-
-def _of_table(
-    rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, "3"], place: tuple[float, float, float]
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """Of the table into the camera's frame, from the same of the board, whose z axis points into the table."""
-    x, y, angle = place
-    c, s = math.cos(angle), math.sin(angle)
-    lies = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])  # the board's axes, as columns, on the table
-    turned = rotation @ lies.T
-    return turned, translation - turned @ np.array([x, y, 0.0])
