@@ -222,7 +222,7 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
         table(setup, kind, *spreads, times, head=False)
     print()
     table("cameras", "tracker", "90% intervals cover, all, along, across [%]", "error over deviation, along, across",
-          "explained [%]", "known [%]", "lost [frames]", "error where explained, mean, p99, worst [mm]")  # fmt: skip
+          "explained [%]", "known [%]", "lost [frames]", "error where known, mean, p99, worst [mm]")  # fmt: skip
     for setup, kind in itertools.product(SETUPS, ("rod", "rod-by-markers")):
         error, explained, known = (rows(f"{setup} {kind} {what}") for what in ("error", "explained", "known"))
         deviations = [rows(f"{setup} {kind} deviations{what}") for what in ("", "-along", "-across")]
@@ -235,7 +235,7 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
             f"{100 * explained.mean():.0f}",
             f"{100 * known.mean():.1f}",
             f"{np.isnan(error).any(axis=1).sum()}",
-            spread(error[explained.astype(bool)]),
+            spread(error[known.astype(bool)]),
             head=False,
         )
     print()
