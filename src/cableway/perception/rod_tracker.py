@@ -110,6 +110,7 @@ class Track:
         poses: Of the grippers at the last frame [m, m, rad].
         others: (k, 2) where something else lies that looks like the cable [m].
         looked: When the cable was last looked for anew [s].
+        found: Whether the rod has explained any frame.
     """
 
     estimate: RodEstimate
@@ -117,6 +118,7 @@ class Track:
     poses: Float[np.ndarray, "2 3"]
     others: Float[np.ndarray, "k 2"]
     looked: float = -math.inf
+    found: bool = False
 
 
 class Evidence(NamedTuple):
@@ -151,7 +153,7 @@ class Sighting:
         residual: Root mean square distance [m] of the points on the rod from it; 0 where none is seen.
         explained: Whether some of the cable is seen, and the rod explains it.
         possible: Whether nothing speaks against the rod, though all of it may be hidden by what is known to stand
-            before it.
+            before it; not of a cable that was never seen, which may lie otherwise than any rod expects.
         known: Whether the keypoints can be relied on: the rod is possible, and they are sure. Where not, a controller
             had better stop, unless it knows that the cable has room for that.
     """
@@ -248,7 +250,7 @@ class RodTracker:
             raise InputError(f"poses must be finite numbers, got {np.asarray(poses).tolist()}")
         poses = SE2.continued(poses, track.poses)
         speed = float(np.linalg.norm(SE2.position(poses) - SE2.position(track.poses), axis=1).max())
-        others = self._still_there(track.others, views)
+        others, found = self._still_there(track.others, views), track.found
         shown = self._seen_in(views, track)
         shown = shown._replace(points=self._without(shown.points, others))
         estimate, fit = self._estimator.update_points(track.estimate, shown.points, poses, speed, shown.blobs)
@@ -256,6 +258,8 @@ class RodTracker:
             return self._lost(track, poses, time)
         field = track.field.later(self._kept).updated(*self._means(fit), self._config.pixel)
         seen = self._sighting(field, fit, shown.points, views, poses, time)
+        found = found or seen.explained
+        seen = seen if found else replace(seen, possible=False, known=False)
         waited = time - track.looked
         likely = seen.explained and fit.strain <= STRAINED
         if likely and seen.missing <= CLEAR:
@@ -264,10 +268,10 @@ class RodTracker:
                 beside = beside[~self._reached(beside, fit, views)]
             others = np.unique(np.round(np.concatenate([others, beside]) / CELL), axis=0) * CELL
         if likely or not shown or 0 <= waited < self._config.patience:
-            return Track(estimate, field, poses, others, track.looked), seen
+            return Track(estimate, field, poses, others, track.looked, found), seen
         other, cost = self._anew(replace(track, poses=poses, looked=time), shown, views)
         if cost >= LESS * self._cost(fit, views):
-            return Track(estimate, field, poses, others, time), seen
+            return Track(estimate, field, poses, others, time, found), seen
         return self.update(other, views, poses, time)
 
     def _anew(self, track: Track, shown: Evidence, views: Sequence[View]) -> tuple[Track, float]:
