@@ -98,7 +98,7 @@ def test_what_a_swing_of_that_size_may_be_taken_for() -> None:
     plan = Plan(np.stack([task.start, task.goal]), np.stack([poses, poses]))
     for more, told in ((-1e-4, False), (1e-4, True)):
         watch = Watch(Recovery(replan=lambda *_: plan, beside=1.0), CONTROL_STEP)
-        off = [task.goal + [0.0, limit + swing(task) + more] for limit in (0.0065, 0.018)]
+        off = [task.goal + [0.0, limit + swing(task) + more] for limit in (0.0075, 0.018)]
         assert watch.is_off_goal(Observation(0.0, off[0], poses), plan, task) == told
         assert [watch.is_lost(Observation(0.0, off[1], poses), task.goal[None], task) for _ in range(2)][-1] == told
 
