@@ -12,7 +12,7 @@ from cableway.core.errors import InputError, UnknownNameError
 from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.calibration_file import load_camera
 from cableway.perception.capture import sharpest
-from cableway.perception.charuco import Board, Corners, Lens, corners_of
+from cableway.perception.charuco import Board, Corners, Lens, corners_of, pose_of
 from cableway.perception.hand_eye import hand_eye
 from cableway.perception.lying import first_of_plane
 from cableway.perception.table_pose import calibrate
@@ -97,6 +97,12 @@ def test_a_camera_is_found_to_a_millimetre_and_a_fifth_of_a_degree(taken):
     assert_found(found.camera, camera)
 
 
+def by_itself(lens: Lens, corners: Corners) -> np.ndarray:
+    """The pose of a board by one picture alone."""
+    _, turn, at = cv2.solvePnP(*corners, lens.matrix, lens.distortion)
+    return pose_of(turn.ravel(), at.ravel())
+
+
 def tilted(found: np.ndarray, true: np.ndarray) -> float:
     """Angle between the normals of two planes [rad]."""
     return float(np.arccos(np.clip(found[:3, 2] @ true[:3, 2], -1.0, 1.0)))
@@ -119,8 +125,9 @@ def test_boards_slid_about_on_a_table_tell_how_it_is_tilted_and_the_first_where_
         return Corners(points.astype(np.float32), pixels.astype(np.float32))
 
     lying = [seen(0.0, 0.0, 0.0), *(seen(*rng.uniform(-0.3, 0.3, 2), rng.uniform(-3, 3)) for _ in range(8))]
-    alone, residual = first_of_plane(lens, lying[:1])
-    found, _ = first_of_plane(lens, lying)
+    begun = np.array([by_itself(lens, corners) for corners in lying])
+    alone, residual = first_of_plane(lens, lying[:1], begun[:1])
+    found, _ = first_of_plane(lens, lying, begun)
     assert tilted(found, first) < np.radians(0.1)
     assert tilted(found, first) < tilted(alone, first) / 3
     assert np.linalg.norm(found[:3, 3] - first[:3, 3]) < 0.001

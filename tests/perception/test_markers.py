@@ -13,7 +13,7 @@ from cableway.estimation.naming import named
 from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.markers import MarkerTracker, marks_of
 from cableway.perception.placement import camera_at
-from cableway.perception.rod_tracker import Sighting
+from cableway.perception.sighting import Sighting
 from cableway.perception.views import View
 from cableway.rendering.cell import BAND
 from cableway.rendering.mesh import Mesh, tube

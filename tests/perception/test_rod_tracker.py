@@ -12,7 +12,8 @@ from cableway.estimation import curve_filter
 from cableway.estimation.curve_filter import CurveConfig, CurveEstimator
 from cableway.estimation.rod_filter import EstimatorConfig
 from cableway.perception.calibration import CalibratedCamera
-from cableway.perception.rod_tracker import RodTracker, Sighting, TrackerConfig
+from cableway.perception.rod_tracker import RodTracker
+from cableway.perception.sighting import Sighting, TrackerConfig
 from cableway.perception.views import View, axis_points
 from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import tube

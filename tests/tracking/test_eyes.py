@@ -13,8 +13,9 @@ from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.outcome import Outcome
 from cableway.perception import markers
-from cableway.perception.rod_tracker import RodTracker, Sighting
+from cableway.perception.rod_tracker import RodTracker
 from cableway.perception.segmentation import CableColor, cable_mask
+from cableway.perception.sighting import Sighting
 from cableway.records import Observation
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Disc

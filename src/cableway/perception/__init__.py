@@ -1,1 +1,1 @@
-"""From pictures of a cable without markers to observations: calibrated cameras, segmentation, centre lines, tracker."""
+"""From pictures of a cable to observations: calibrated cameras, segmentation, centre lines, markers, trackers."""

@@ -5,12 +5,13 @@ OpenCV finds the corners and fits the lens (Zhang 2000, "A flexible new techniqu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, UInt8
+from scipy.spatial.transform import Rotation
 
 from cableway.core.checks import Bounds, Checked, Positive
 from cableway.core.errors import InputError, UnknownNameError
@@ -111,6 +112,11 @@ class Lens(NamedTuple):
         turn = cv2.Rodrigues(pose[:3, :3])[0]
         return cv2.projectPoints(points, turn, pose[:3, 3], self.matrix, self.distortion)[0].reshape(-1, 2)
 
+    def off(self, found: Sequence[Corners], poses: Iterable[Float[np.ndarray, "4 4"]]) -> Float[np.ndarray, "m 2"]:
+        """How far corners are seen from where boards at poses in the frame of the camera have them [pixels]."""
+        seen = zip(found, poses, strict=True)
+        return np.concatenate([self.shown(corners.points, pose) - corners.pixels for corners, pose in seen])
+
     def camera(
         self, size: tuple[int, int], rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, "3"]
     ) -> CalibratedCamera:
@@ -144,25 +150,14 @@ def fitted_lens(found: Sequence[Corners], size: tuple[int, int]) -> Lens:
     seen: Any = ([points for points, _ in found], [pixels for _, pixels in found])
     fixed = cv2.CALIB_FIX_K3  # boards in hand do not reach where k3 tells
     residual, matrix, distortion, turns, places = fit(*seen, size, None, None, flags=fixed)
-    boards = np.array([_pose(turn, at) for turn, at in zip(turns, places, strict=True)])
+    boards = np.array([pose_of(np.ravel(turn), np.ravel(at)) for turn, at in zip(turns, places, strict=True)])
     return Lens(matrix, np.ravel(distortion)[:5], float(residual), boards)
 
 
-def seen_board(lens: Lens, corners: Corners) -> Float[np.ndarray, "4 4"]:
-    """The pose in the frame of a camera of a board whose corners it shows."""
-    import cv2
-
-    points, pixels = corners
-    _, turn, at = cv2.solvePnP(points, pixels, lens.matrix, lens.distortion)
-    return _pose(*cv2.solvePnPRefineLM(points, pixels, lens.matrix, lens.distortion, turn, at))
-
-
-def _pose(turn: Float[np.ndarray, "3 1"], at: Float[np.ndarray, "3 1"]) -> Float[np.ndarray, "4 4"]:
-    """A pose of OpenCV's rotation vector and translation."""
-    import cv2
-
+def pose_of(turn: Float[np.ndarray, "3"], at: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
+    """The pose of a rotation vector [rad] and a place [m]."""
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(at)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(turn).as_matrix(), at
     return pose
 
 

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from cableway.core.errors import InputError
 from cableway.perception.calibration import CalibratedCamera
-from cableway.perception.charuco import LEAST_PICTURES, Board, Corners, Lens, corners_of, fitted_lens
+from cableway.perception.charuco import LEAST_PICTURES, Board, Corners, Lens, corners_of, fitted_lens, pose_of
 
 LEAST_TURN = math.radians(10)
 """How far the gripper must turn about a second axis: by turns about one alone the camera's height does not show."""
@@ -77,7 +77,7 @@ def hand_eye(images: Sequence[UInt8[np.ndarray, "h w 3"]], poses: Float[np.ndarr
     lens = fitted_lens(found, size)
     _require_turns(poses)
     x = _refined(_closed_form(poses, lens.boards), poses, found, lens)
-    camera, held = _matrix(x[:6]), _matrix(x[6:])
+    camera, held = pose_of(x[:3], x[3:6]), pose_of(x[6:9], x[9:])
     off = _off(x, poses, found, lens).reshape(-1, 2)
     middles = [np.append(corners.points.mean(axis=0), 1.0) for corners in found]
     apart = [
@@ -131,17 +131,5 @@ def _off(
     x: Float[np.ndarray, "12"], poses: Float[np.ndarray, "k 4 4"], found: Sequence[Corners], lens: Lens
 ) -> Float[np.ndarray, "m"]:
     """How far corners are seen from where camera and gripper have them [pixels]."""
-    inward, held = np.linalg.inv(_matrix(x[:6])), _matrix(x[6:])
-    return np.concatenate(
-        [
-            (lens.shown(corners.points, inward @ pose @ held) - corners.pixels).ravel()
-            for corners, pose in zip(found, poses, strict=True)
-        ]
-    )
-
-
-def _matrix(x: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 4"]:
-    """A pose of a rotation vector and a place."""
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = Rotation.from_rotvec(x[:3]).as_matrix(), x[3:]
-    return out
+    inward, held = np.linalg.inv(pose_of(x[:3], x[3:6])), pose_of(x[6:9], x[9:])
+    return lens.off(found, [inward @ pose @ held for pose in poses]).ravel()

@@ -18,7 +18,8 @@ from scipy.ndimage import label
 from scipy.spatial.distance import cdist
 
 from cableway.estimation.curve_filter import CurveFit
-from cableway.perception.rod_tracker import Evidence, RodTracker, Track
+from cableway.perception.rod_tracker import Evidence, RodTracker
+from cableway.perception.sighting import Track
 from cableway.perception.views import View, widths
 from cableway.rod.material import ROD
 

@@ -74,7 +74,8 @@ def calibrate(
             f"in the picture, and its markers {MARKER_PIXELS} pixels wide or wider there"
         )
     lens = fitted_lens(found, size)
-    seen, residual = first_of_plane(lens, [corners for corners in lying if corners is not None])
+    flat = [corners for corners in lying if corners is not None]
+    seen, residual = first_of_plane(lens, flat, lens.boards[: len(flat)])
     camera = lens.camera(size, *_of_table(seen[:3, :3], seen[:3, 3], place))
     return Calibration(camera, lens.residual, residual, len(found), sum(len(points) for points, _ in found))
 

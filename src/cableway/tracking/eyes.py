@@ -18,8 +18,8 @@ from cableway.core.provenance import describe
 from cableway.geometry import polyline
 from cableway.geometry.groups import SE2
 from cableway.perception.markers import TRACKERS
-from cableway.perception.rod_tracker import Sighting, Track, TrackerConfig
 from cableway.perception.segmentation import CableColor, view_of
+from cableway.perception.sighting import Sighting, Track, TrackerConfig
 from cableway.records import Measurement, Observation
 from cableway.rendering.cell import Color
 from cableway.scene.cell import Way

@@ -21,8 +21,9 @@ from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.capture import IMAGES, Frame, frames, picture
 from cableway.perception.chain import chained
 from cableway.perception.markers import TRACKERS
-from cableway.perception.rod_tracker import RodTracker, Track
+from cableway.perception.rod_tracker import RodTracker
 from cableway.perception.segmentation import CableColor, view_of
+from cableway.perception.sighting import Track
 from cableway.perception.views import View, axis_points
 from cableway.scene.cable import Cable
 
