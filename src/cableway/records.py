@@ -187,6 +187,19 @@ class Attempt(Brief):
 
 # ------------------------------------------------------------------------------------------------ control
 @dataclass(frozen=True, eq=False, repr=False)
+class RodParameters(Brief):
+    """What is known of the parameters of a rod, in the order of `rod.material.NAMES`.
+
+    Attributes:
+        mean: (p,) of them.
+        covariance: (p, p), in their units.
+    """
+
+    mean: Float[np.ndarray, "p"]
+    covariance: Float[np.ndarray, "p p"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Observation(Brief):
     """What a controller sees at one control step.
 
@@ -197,6 +210,8 @@ class Observation(Brief):
         taken: [s] when the frame was taken, on the same clock as `time`; None where unknown, it is then estimated.
         confidence: (n,) from 0 (not observed) to 1, by which each keypoint counts; None where all count the same. Where
             all are 0 the grippers stand still, and while an observed one is below 0.13 the cable has not settled.
+        rod: Of the task's cable, by a tracker that estimates it from pictures; a controller takes this estimate instead
+            of making one of its own. None where keypoints are all that is known.
     """
 
     time: float
@@ -204,6 +219,7 @@ class Observation(Brief):
     poses: Float[np.ndarray, "2 pose"]
     taken: float | None = None
     confidence: Float[np.ndarray, "n"] | None = None
+    rod: RodParameters | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,8 +7,9 @@ import pytest
 
 from cableway.estimation.gripper_tracker import NOMINAL_GRASPS, GripperTracker
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
-from cableway.records import Observation
+from cableway.records import Observation, RodParameters
 from cableway.rod.inverse import shape_between
+from cableway.rod.material import GRASPS, LENGTH
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 
@@ -48,3 +49,28 @@ def test_confidence_scales_how_much_keypoints_count():
     )
     np.testing.assert_array_equal(plain, full)
     assert 0 < np.linalg.norm(little[1:]) < np.linalg.norm(plain[1:])
+
+
+def test_what_a_tracker_knows_of_the_rod_takes_the_place_of_a_correction():
+    """What the estimator takes as known stays so."""
+    measured = SHAPE + 0.002 * np.sin(np.arange(26)).reshape(13, 2)
+    theta, deviations = RodEstimator(ROD, EstimatorConfig(), 0.1).start(Q).theta, np.full(15, 1e-3)
+    theta[LENGTH] += 0.004
+    rod = RodParameters(theta, np.diag(deviations**2))
+    for config, kept in ((EstimatorConfig(), ()), (EstimatorConfig(grasp=0.0, grasp_turn=0.0), np.arange(15)[GRASPS])):
+        estimator = RodEstimator(ROD, config, 0.1)
+        start = estimator.start(Q)
+        after = estimator.update(start, measured, POSES, 0.0, rod=rod)
+        np.testing.assert_array_equal(after.theta, theta)
+        expected = np.where(np.isin(np.arange(15), kept), 0.0, deviations)
+        np.testing.assert_allclose([each.deviation for each in estimator.estimates(after).values()], expected)
+        assert after.updates == 1
+        assert np.abs(after.offset).max() > 1e-4
+
+
+def test_what_a_tracker_knows_counts_for_its_frame_alone():
+    rod = RodParameters(np.ones(15), np.eye(15))
+    tracker = GripperTracker.at_rest(POSES, 13).updated(Observation(0.0, SHAPE, POSES, rod=rod), NOMINAL_GRASPS, CABLE)
+    assert tracker.rod is rod
+    assert tracker.predicted().rod is None
+    assert tracker.updated(Observation(0.1, SHAPE, POSES), NOMINAL_GRASPS, CABLE).rod is None

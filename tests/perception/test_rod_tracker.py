@@ -277,6 +277,24 @@ def test_keypoints_lie_where_the_cable_lies_beside_its_rod():
     )
 
 
+@pytest.mark.parametrize("marked", [False, True])
+def test_pictures_close_in_time_say_little_more_than_one(marked):
+    """The first one counts in full."""
+    _, line = true_cable()
+    points, blobs = (np.empty((0, 2)), (line[:: CABLE.rod.stride],)) if marked else (line, ())
+    surer = []
+    for step in (10.0, 0.02):
+        estimator = CurveEstimator(CABLE.rod, EstimatorConfig(), CurveConfig(), step)
+        estimate, known = estimator.start(NOMINAL), []
+        for _ in range(3):
+            estimate, _ = estimator.update_points(estimate, points, POSES, 0.0, blobs)
+            known.append(np.trace(estimate.covariance))
+        surer.append(known)
+    far, close = surer
+    assert far[0] == pytest.approx(close[0], rel=1e-9)
+    assert far[0] - far[2] > 3 * (close[0] - close[2]) > 0
+
+
 def test_a_cable_that_changed_is_one_that_nothing_is_known_of(monkeypatch):
     """It slipped or was touched: what was sure before is not held against what is seen now."""
     (_, line), (_, after) = true_cable(), true_cable((-0.6, 0.5, 0.3, 0.0, -1.5, 1.5, 1.0, 0.0))

@@ -170,6 +170,19 @@ def test_a_cable_whose_markers_are_not_found_is_known_by_its_own_pixels(monkeypa
     assert plant.record()["known"] == 1.0
 
 
+@pytest.mark.parametrize("tracker", ["rod", "markers"])
+def test_tracker_and_controller_have_one_estimate_of_the_cable(tracker):
+    plant, controller = seen_plant(tracker=tracker, noise=5.0, latency=0.0), RodMPC()
+    seen, state = plant.reset(), controller.init(TASK, PLAN)
+    for k in range(1, 4):
+        assert seen.rod is not None
+        _, state = controller.step(state, seen)
+        known = state.estimates().values()
+        np.testing.assert_array_equal([each.value for each in known], seen.rod.mean)
+        np.testing.assert_allclose([each.deviation for each in known], np.sqrt(np.diag(seen.rod.covariance)))
+        seen = plant.step(PLAN.poses[k] - PLAN.poses[k - 1])
+
+
 def test_pictures_show_what_stands_there_known_or_not():
     x, y = TASK.start[6]
     post = Disc(center=(float(x), float(y) - 0.05), radius=0.01, height=0.1)

@@ -27,7 +27,7 @@ from cableway.core.errors import (
 )
 from cableway.judge import judge
 from cableway.outcome import Outcome
-from cableway.records import Measurement, Observation, Plan, Rollout
+from cableway.records import Measurement, Observation, Plan, RodParameters, Rollout
 from cableway.rod.planar import PlanarRod
 from cableway.tracking import Recovery, TrackConfig, Watchdog, insert_plug, track
 from cableway.tracking.answers import AnsweringPlant
@@ -84,6 +84,11 @@ class Misbehaving(QuasiStaticPlant):
         return self.answers(proper) if what == self.what and self._step >= self.since else proper
 
 
+def knowing(**wrong: np.ndarray) -> Answers:
+    rod = RodParameters(**{"mean": np.ones(15), "covariance": np.eye(15)} | wrong)
+    return lambda it: replace(it, rod=rod)
+
+
 WRONG: dict[str, Answers] = {
     "raised ConnectionResetError: [Errno 104] gone": raising(ConnectionResetError(104, "gone")),
     "raised TimeoutError": raising(TimeoutError()),
@@ -106,6 +111,12 @@ SEEN: dict[str, Answers] = {
     "reported a time of type str": lambda it: replace(it, time="now"),
     "reported a confidence of shape (4,), not (13,)": lambda it: replace(it, confidence=np.ones(4)),
     "reported a time of the frame of type str": lambda it: replace(it, taken="now"),
+    "reported a rod as a value of type list": lambda it: replace(it, rod=[1.0]),
+    "reported a rod with a mean of shape (3,), not (15,)": knowing(mean=np.ones(3)),
+    "reported a rod that is not finite": knowing(covariance=np.full((15, 15), np.nan)),
+    "reported a rod whose length or one of whose variances": knowing(mean=-np.ones(15)),
+    "reported a rod whose length": knowing(covariance=np.zeros((15, 15))),
+    "reported a rod with a covariance that is none": knowing(covariance=2 * np.ones((15, 15)) - 1.5 * np.eye(15)),
 }
 MEASURED: dict[str, Answers] = {
     "reported keypoints that are not finite": lambda it: replace(it, keypoints=it.keypoints * np.nan),

@@ -20,7 +20,7 @@ from cableway.control.jacobian import JacobianConfig, JacobianFeedback
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.core.errors import InputError, PlanningError, SimulationError, TrackingInterrupted
 from cableway.outcome import Outcome
-from cableway.records import Observation, Plan
+from cableway.records import Observation, Plan, RodParameters
 from cableway.report import summarize
 from cableway.rod.planar import PlanarRod
 from cableway.tracking import RealTimePlant, Recovery, TrackConfig, Watchdog, sender, track_in_real_time
@@ -154,6 +154,28 @@ def test_commands_come_at_the_robots_rate_and_never_jump() -> None:
     report = summarize(TASK, PLAN, rollout)
     assert report.timing == timing
     assert any(name == "commands" and "at 100 Hz" in value for name, value in report.rows())
+
+
+def test_all_that_a_robot_observes_of_the_cable_reaches_the_controller() -> None:
+    rod, seen = RodParameters(np.ones(15), np.eye(15)), []
+
+    class Seeing(Hand):
+        def observe(self) -> Observation:
+            observation = super().observe()
+            return replace(observation, taken=observation.time - 0.01, confidence=np.full(13, 0.9), rod=rod)
+
+    class Noting(Follower):
+        def step(self, state: Any, observation: Observation | None) -> tuple[np.ndarray, Any]:
+            seen.append(observation)
+            return super().step(state, observation)
+
+    run(Seeing(), Noting())
+    looked = [each for each in seen[1:] if each is not None and np.isfinite(each.keypoints).any()]
+    assert looked
+    for each in looked:
+        assert each.taken is not None
+        np.testing.assert_array_equal(each.confidence, 0.9)
+        np.testing.assert_array_equal(each.rod.covariance, rod.covariance)
 
 
 @thrice

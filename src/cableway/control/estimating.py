@@ -119,6 +119,6 @@ class EstimatingState(FollowerState):
                 self.estimator.residuals(self.estimate, tracker.keypoints, tracker.at_frame, earlier)
             )
         estimate = self.estimator.update(
-            self.estimate, tracker.keypoints, tracker.at_frame, tracker.speed, tracker.confidence
+            self.estimate, tracker.keypoints, tracker.at_frame, tracker.speed, tracker.confidence, tracker.rod
         )
         return replace(self, tracker=tracker, estimate=estimate)

@@ -6,7 +6,8 @@ of `rod_filter`: the same parameters and prior, and so the same estimate. As the
 belongs depends on the parameters, each update looks for it anew a few times (an iterated extended Kalman filter).
 
 What was known is forgotten as the grippers move, not as time goes by: a hidden cable between grippers that stand lies
-where it lay.
+where it lay. What no rod explains, friction above all, is much the same from one picture to the next, so that pictures
+close in time say little more than one.
 
 It searches in coordinates and parameters (q, p) of the rod, of which the grasps are a function, instead of for the rod
 between given ends: a branch of equilibria that ends at a fold as the grippers move on is no end of the search, which
@@ -27,6 +28,7 @@ from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.estimation import curve_kernels
 from cableway.estimation.naming import named
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
+from cableway.records import RodParameters
 from cableway.rod.least_squares import Rule
 from cableway.rod.material import GRASPS, ROD
 from cableway.rod.planar import PlanarRod
@@ -61,6 +63,7 @@ class CurveConfig(Checked):
         least: Least such distance [m].
         most: Largest such distance [m].
         mark: Standard deviation [m] of a mark, the same.
+        lasting: Time [s] for which the cable lies beside the rod in the same way: pictures within it count as one.
         outlier: Distance, in standard deviations of the noise, from which on a point or a mark counts less.
 
     Raises:
@@ -74,6 +77,7 @@ class CurveConfig(Checked):
     least: Positive[float] = 0.006
     most: Positive[float] = 0.04
     mark: Positive[float] = 0.001
+    lasting: Positive[float] = 0.2
     outlier: Positive[float] = 2.0
 
 
@@ -134,6 +138,7 @@ class CurveEstimator(RodEstimator):
     def __init__(self, rod: PlanarRod, config: EstimatorConfig, curve: CurveConfig, control_step: float) -> None:
         super().__init__(rod, config, control_step)
         self.curve, self._delay = curve, curve.lag / control_step
+        self._new = 1 - math.exp(-control_step / curve.lasting)
         # what is taken as known is so to a thousandth of what is usually not known of it
         self._spread = np.maximum(self._prior, KNOWN * EstimatorConfig().prior(rod.length))
         self._units = np.concatenate([rod.units, self._spread[ROD]])
@@ -176,6 +181,7 @@ class CurveEstimator(RodEstimator):
         expected, before = self._drifted(estimate, math.exp(-speed / self.curve.travel))
         root = np.linalg.inv(np.linalg.cholesky(before)) / self._spread
         noise = math.hypot(self.curve.noise, self._delay * speed)
+        new = self._new if estimate.updates else 1.0
         x = np.concatenate([estimate.q, expected[ROD]])
 
         def fitted(
@@ -184,7 +190,7 @@ class CurveEstimator(RodEstimator):
             """Moves x; see `curve_kernels.fit`."""
             far, units, modes = self.curve.outlier * noise, self._units, self.modes
             of = np.nonzero(np.isfinite(marks[..., 0]))
-            known = (marks[of], of[1] * self.rod.stride, 1 / math.hypot(self.curve.mark, self._delay * speed) ** 2)
+            known = (marks[of], of[1] * self.rod.stride, new / math.hypot(self.curve.mark, self._delay * speed) ** 2)
             return curve_kernels.fit(x, modes, poses, units, expected, root, points, weights, *known, far, FITTING)
 
         normal, marks = fitted(np.empty((0, 2)), np.empty(0), np.empty((0, 1, 2))), np.empty((0, 1, 2))
@@ -195,7 +201,7 @@ class CurveEstimator(RodEstimator):
             at, residuals = self._beside(shown, held, normal, noise)
             used = np.isfinite(residuals) & (at > 0) & (at < self.rod.hinges)
             over = at[used].astype(int)  # all points over one hinge together count as one
-            weights = 1 / (np.bincount(over, minlength=self.rod.hinges)[over] * noise**2)
+            weights = new / (np.bincount(over, minlength=self.rod.hinges)[over] * noise**2)
             normal = fitted(shown[used], weights, marks)
         held = self._held_by(x, poses)
         if not np.isfinite(held.stations).all():
@@ -212,6 +218,10 @@ class CurveEstimator(RodEstimator):
         )  # fmt: skip
         seen, beside = self._marked(marks, blobs, held)
         return estimate, CurveFit(held.stations, held.by_x @ spread, at, residuals, seen, beside, strain, astray, askew)
+
+    def known(self, estimate: RodEstimate) -> RodParameters:
+        """Theta and its covariance, in their units."""
+        return RodParameters(estimate.theta, estimate.covariance * np.outer(self._spread, self._spread))
 
     def _held_by(self, x: Float[np.ndarray, "m"], poses: Float[np.ndarray, "2 3"]) -> _Held:
         """See `curve_kernels.held`."""

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from cableway.estimation.delay import DELAYS, DelayEstimator
 from cableway.estimation.gating import gated_keypoints
 from cableway.geometry.groups import SE2
-from cableway.records import Observation
+from cableway.records import Observation, RodParameters
 from cableway.scene.cable import Cable
 from cableway.scene.task import CONTROL_STEP
 
@@ -36,6 +36,7 @@ class GripperTracker:
         started: Whether gripper poses were measured yet.
         confidence: (n,) by which each keypoint counts; None where all count the same.
         undated: Whether the last frame has keypoints, but neither its time nor an end of the cable.
+        rod: What is known of the cable by that frame; see `Observation`.
     """
 
     poses: DelayEstimator
@@ -46,6 +47,7 @@ class GripperTracker:
     started: bool = False
     confidence: Float[np.ndarray, "n"] | None = None
     undated: bool = False
+    rod: RodParameters | None = None
 
     @classmethod
     def at_rest(cls, poses: Float[np.ndarray, "2 3"], keypoints: int) -> GripperTracker:
@@ -115,8 +117,9 @@ class GripperTracker:
         missing = 0 if seen else self.steps_without_keypoints + 1
         undated = seen and not visible.any() and observation.taken is None
         return GripperTracker(
-            poses, commands, keypoints, missing, started=True, confidence=observation.confidence, undated=undated
-        )
+            poses, commands, keypoints, missing, started=True, confidence=observation.confidence, undated=undated,
+            rod=observation.rod,
+        )  # fmt: skip
 
     def predicted(self) -> GripperTracker:
         """After a control step without a usable observation: the grippers are taken to carry out their commands."""
@@ -127,6 +130,7 @@ class GripperTracker:
             steps_without_keypoints=self.steps_without_keypoints + 1,
             steps_without_poses=self.steps_without_poses + 1,
             undated=False,
+            rod=None,
         )
 
     def dated(self, residuals: Float[np.ndarray, "A"]) -> GripperTracker:

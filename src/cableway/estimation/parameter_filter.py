@@ -10,7 +10,8 @@ The parameters drift towards their prior (theta_0, P_0) as an Ornstein-Uhlenbeck
 runs away: with rho = e^(-dt/T), theta <- theta_0 + rho (theta - theta_0) and P <- rho^2 P + (1 - rho^2) P_0. An
 extended Kalman filter corrects them by what was measured. Keypoints far from their prediction count less (Huber 1964,
 "Robust estimation of a location parameter"), missing ones not at all. What remains of the difference, low-pass
-filtered, is the output offset.
+filtered, is the output offset. Where a tracker estimates theta from pictures (`cableway.estimation.curve_filter`), its
+estimate takes the place of the correction, so that there is one.
 
 `cableway.estimation.rod_filter` is this of a rod in the plane, `cableway.estimation.spatial_filter` in space.
 """
@@ -28,7 +29,7 @@ from jaxtyping import Float
 
 from cableway.core.checks import Bounds, Checked, NotNegative, Share
 from cableway.estimation.surprise import Surprise
-from cableway.records import Estimate
+from cableway.records import Estimate, RodParameters
 from cableway.rod.held_rod import HeldRod
 from cableway.rod.material import LENGTH
 
@@ -256,6 +257,7 @@ class ParameterFilter(ABC, Generic[E]):
         poses: Float[np.ndarray, "2 pose"],
         speed: float,
         confidence: Float[np.ndarray, "n"] | None = None,
+        rod: RodParameters | None = None,
     ) -> E:
         """The estimate after an observation; as it was where the rod cannot explain it.
 
@@ -265,6 +267,7 @@ class ParameterFilter(ABC, Generic[E]):
             poses: (2, pose) grippers at the time of the frame [m, m, rad].
             speed: Of the faster gripper then [m per control step].
             confidence: (n,) from 0 to 1, by which each keypoint counts; None where all count the same.
+            rod: Theta as it is known by now, which takes the place of a correction by the keypoints.
         """
         visible = np.isfinite(keypoints[:, 0])
         if not visible.any():
@@ -272,7 +275,10 @@ class ParameterFilter(ABC, Generic[E]):
         estimate, expected = self._held(estimate, keypoints, poses)
         if not expected.possible:
             return estimate
-        theta, covariance = self._corrected(estimate, expected, keypoints, speed, confidence)
+        if rod is None:
+            theta, covariance = self._corrected(estimate, expected, keypoints, speed, confidence)
+        else:
+            theta, covariance = self._given(rod)
         corrected = self._explained(expected.q, theta, keypoints, poses)
         for _ in range(HALVINGS):
             if corrected.possible:
@@ -351,6 +357,13 @@ class ParameterFilter(ABC, Generic[E]):
         weighted = rows.T * weights
         covariance = np.linalg.inv(np.linalg.inv(drifted) + weighted @ rows)
         return theta + prior * (covariance @ (weighted @ error)), covariance
+
+    def _given(self, rod: RodParameters) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
+        """Theta and its covariance in units of the prior; what is taken as known here stays so."""
+        free = self._prior > 0
+        units = np.where(free, self._prior, 1.0)
+        covariance = np.where(np.outer(free, free), rod.covariance / np.outer(units, units), np.eye(len(units)))
+        return np.where(free, rod.mean, self._nominal), covariance
 
     def _drifted(self, estimate: E, kept: float) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
         """Theta and its covariance, in units of the prior, once a share of what was known is kept."""

@@ -21,7 +21,7 @@ from cableway.core.errors import InputError
 from cableway.estimation.curve_filter import CurveConfig, CurveEstimator, CurveFit
 from cableway.estimation.deviation import DeviationField
 from cableway.estimation.parameter_filter import LONGEST
-from cableway.estimation.rod_filter import EstimatorConfig
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate
 from cableway.geometry.groups import SE2
 from cableway.perception import kernels
 from cableway.perception.sighting import Sighting, Track, TrackerConfig
@@ -161,7 +161,7 @@ class RodTracker:
         if fit is None:
             return self._lost(track, poses, time)
         field = track.field.later(self._kept).updated(*self._means(fit), self._config.pixel)
-        seen = self._sighting(field, fit, shown.points, views, poses, time)
+        seen = self._sighting(estimate, field, fit, shown.points, views, poses, time)
         found = found or seen.explained
         seen = seen if found else replace(seen, possible=False, known=False)
         waited = time - track.looked
@@ -233,6 +233,7 @@ class RodTracker:
 
     def _sighting(
         self,
+        estimate: RodEstimate,
         field: DeviationField,
         fit: CurveFit,
         points: Float[np.ndarray, "k 2"],
@@ -266,7 +267,8 @@ class RodTracker:
         known = possible and math.sqrt(variance.max()) <= config.most_unsure
         observed, variance = self._observed(keypoints, variance, fit)
         confidence = config.sure**2 / (config.sure**2 + variance)
-        observation = Observation(time, observed, poses, taken=time, confidence=confidence)
+        rod = self._estimator.known(estimate)
+        observation = Observation(time, observed, poses, taken=time, confidence=confidence, rod=rod)
         shares = (unexplained, missing, hidden, residual)
         marked = np.isfinite(fit.marks[:, 0])
         return Sighting(

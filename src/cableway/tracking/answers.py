@@ -14,11 +14,15 @@ from cableway.core.checks import require_interface
 from cableway.core.errors import CablewayError, Cancelled, InputError, SimulationError, raised, said
 from cableway.core.files import LARGEST
 from cableway.geometry.groups import SE2
-from cableway.records import Measurement, Observation
+from cableway.records import Measurement, Observation, RodParameters
+from cableway.rod.material import LENGTH, PARAMETERS
 from cableway.scene.task import Task
 from cableway.tracking.plant import Plant
 
 T = TypeVar("T")
+
+INDEFINITE = 1e-6
+"""Least eigenvalue of a matrix of correlations, below zero, that rounding does not explain."""
 
 ARM_JOINTS = 6
 """Joints of an arm, for messages."""
@@ -144,7 +148,8 @@ class AnsweringPlant:
 
 
 def usable_observation(answer: Any, keypoints: int, who: str) -> Observation:
-    """An answer as an observation with arrays of its own, NaN for keypoints and poses that no record can hold.
+    """An answer as an observation with arrays of its own, NaN for keypoints and poses that no record can hold; what is
+    known of the rod must be finite.
 
     Args:
         answer: Whatever came.
@@ -166,7 +171,25 @@ def usable_observation(answer: Any, keypoints: int, who: str) -> Observation:
         poses=_possible(_numbers(answer.poses, (2, SE2.size), f"{who} reported gripper poses")),
         taken=None if taken is None else float(_numbers(taken, (), f"{who} reported a time of the frame")),
         confidence=None if confidence is None else _numbers(confidence, (keypoints,), f"{who} reported a confidence"),
+        rod=None if answer.rod is None else _usable_rod(answer.rod, f"{who} reported a rod"),
     )
+
+
+def _usable_rod(answer: Any, what: str) -> RodParameters:
+    """The same of what is known of a rod."""
+    if not isinstance(answer, RodParameters):
+        raise InputError(f"{what} as {_kind(answer)}, not as a cableway.records.RodParameters")
+    mean = _numbers(answer.mean, (PARAMETERS,), f"{what} with a mean")
+    covariance = _numbers(answer.covariance, (PARAMETERS, PARAMETERS), f"{what} with a covariance")
+    if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+        raise InputError(f"{what} that is not finite")
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    if not (mean[LENGTH] > 0 and deviations.all()):
+        raise InputError(f"{what} whose length or one of whose variances is not positive")
+    correlations = covariance / np.outer(deviations, deviations)
+    if not np.allclose(correlations, correlations.T) or np.linalg.eigvalsh(correlations)[0] < -INDEFINITE:
+        raise InputError(f"{what} with a covariance that is none: not symmetric, or not positive")
+    return RodParameters(mean, covariance)
 
 
 def _usable_measurement(answer: Any, keypoints: int, stations: int | None) -> Measurement:

@@ -189,7 +189,8 @@ class SeenPlant:
         if newest is None:
             return replace(reported, keypoints=np.full_like(reported.keypoints, np.nan))
         seen, offset = newest.observation, reported.time - now
-        return replace(reported, keypoints=seen.keypoints, confidence=seen.confidence, taken=seen.time + offset)
+        taken = seen.time + offset
+        return replace(reported, keypoints=seen.keypoints, confidence=seen.confidence, taken=taken, rod=seen.rod)
 
     def _look_out(self, lookout: Lookout, now: float) -> None:
         """See what appeared on the table."""

@@ -167,7 +167,7 @@ class Sender:
             self.seen = now
             news = replace(
                 news, keypoints=np.array(observation.keypoints), taken=observation.taken,
-                confidence=observation.confidence,
+                confidence=observation.confidence, rod=observation.rod,
             )  # fmt: skip
         self._newest, self._news = observation, news
 
