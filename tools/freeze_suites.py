@@ -46,7 +46,7 @@ FOLDER = Path(__file__).parents[1] / "src/cableway/benchmark/frozen"
 FIRST, NEXT = 20000, 10000
 """Seed of the first random task, and from a task to the one in its place: nothing was ever chosen on these."""
 
-EYES_FIRST, EYES_PLANT = 60000, 3000
+EYES_FIRST, EYES_PLANT = 100000, 4000
 """Seeds of the first random task of the suite "eyes", and of its first plant."""
 
 LEAST_ROOM = 0.005

@@ -210,8 +210,8 @@ class Observation(Brief):
         taken: [s] when the frame was taken, on the same clock as `time`; None where unknown, it is then estimated.
         confidence: (n,) from 0 (not observed) to 1, by which each keypoint counts; None where all count the same. Where
             all are 0 the grippers stand still, and while an observed one is below 0.13 the cable has not settled.
-        rod: Of the task's cable, by a tracker that estimates it from pictures; a controller takes this estimate instead
-            of making one of its own. None where keypoints are all that is known.
+        rod: Parameters of the cable as a tracker estimates them from pictures; a controller takes these in place of an
+            estimate of its own. None where keypoints are all that is known.
     """
 
     time: float

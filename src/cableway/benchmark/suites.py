@@ -141,7 +141,7 @@ SUITES = {
               (20, 120, 520)),
         Suite("cell", 3, "obstacles of 5 and 10 cm, few to many, between two arms with 2F-85, usual and long fingers; "
               "milder cables in space on a table", "plant", (12, 120, 360)),
-        Suite("eyes", 6, "obstacles of 5 and 10 cm and the paper's tasks between two arms, the cable known by rendered "
+        Suite("eyes", 7, "obstacles of 5 and 10 cm and the paper's tasks between two arms, the cable known by rendered "
               "pictures alone; the cables of cell", "condition", (6, 56, 182), beside=("true-keypoints",)),
         Suite("paper-cell", 3, "the catalogue with obstacles of 5 cm between two arms with 2F-85; the cables of cell",
               "task", (2, 33, 33)),

@@ -70,7 +70,7 @@ class CurveConfig(Checked):
         InputError: A value is out of range.
     """
 
-    travel: Positive[float] = 2.0
+    travel: Positive[float] = 4.0
     noise: Positive[float] = 0.0015
     lag: NotNegative[float] = 0.01
     gate: Positive[float] = 3.0
