@@ -10,17 +10,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import label
 from scipy.spatial.distance import cdist
 
-from cableway.estimation.curve_filter import CurveFit
+from cableway.estimation.curve_filter import CurveConfig, CurveFit
+from cableway.estimation.rod_filter import RodEstimate
 from cableway.perception.rod_tracker import Evidence, RodTracker
 from cableway.perception.sighting import Track
 from cableway.perception.views import View, widths
+from cableway.records import RodParameters
 from cableway.rod.material import ROD
 
 SMALLEST, LARGEST = 0.3, 1.8
@@ -99,6 +101,8 @@ class MarkerTracker(RodTracker):
     markers.
     """
 
+    _points: ClassVar[CurveConfig] = CurveConfig(travel=2.0, lasting=1e-3)  # each picture counts
+
     def _seen_in(self, views: Sequence[View], track: Track | None = None) -> Evidence:
         line = None if track is None else self._line(track)
         marks = [marks_of(view, self._cable.radius, line) for view in views]
@@ -109,6 +113,9 @@ class MarkerTracker(RodTracker):
         length, *modes = track.estimate.theta[ROD].tolist()
         rod = replace(self._cable.rod, length=length, modes=tuple(modes))
         return rod.shapes(track.estimate.q[None])[0][0]
+
+    def _shared(self, estimate: RodEstimate) -> RodParameters | None:
+        return None  # where keypoints are seen, controllers estimate the rod from these
 
     def _looked_for(self, views: Sequence[View]) -> Float[np.ndarray, "m"]:
         return super()._looked_for(views) if any(view.marks is not None for view in views) else self._keypoints[1:-1]

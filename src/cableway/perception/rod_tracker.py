@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -26,7 +26,7 @@ from cableway.geometry.groups import SE2
 from cableway.perception import kernels
 from cableway.perception.sighting import Sighting, Track, TrackerConfig
 from cableway.perception.views import View, axis_points, seen_of
-from cableway.records import Observation
+from cableway.records import Observation, RodParameters
 from cableway.rod.inverse import equilibria_at
 from cableway.rod.material import ROD
 from cableway.scene.cable import Cable
@@ -86,6 +86,8 @@ class RodTracker:
         curve: How points count.
     """
 
+    _points: ClassVar[CurveConfig] = CurveConfig()
+
     def __init__(
         self,
         cable: Cable,
@@ -95,7 +97,7 @@ class RodTracker:
         curve: CurveConfig | None = None,
     ) -> None:
         self._cable, self._config = cable, config or TrackerConfig()
-        self._estimator = CurveEstimator(cable.rod, parameters, curve or CurveConfig(), frame_step)
+        self._estimator = CurveEstimator(cable.rod, parameters, curve or self._points, frame_step)
         self._kept = math.exp(-frame_step / self._config.fading)
         hinges = cable.rod.hinges
         self._places = np.arange(hinges * PLACES + 1) / PLACES
@@ -212,6 +214,10 @@ class RodTracker:
         gone = (codes == kernels.MISSING).any(axis=0) & ~(codes == kernels.SEEN).any(axis=0)
         return others[~gone]
 
+    def _shared(self, estimate: RodEstimate) -> RodParameters | None:
+        """What controllers are told of the rod."""
+        return self._estimator.known(estimate)
+
     def _looked_for(self, views: Sequence[View]) -> Float[np.ndarray, "m"]:
         """Places on the rod, in hinges, that should be seen in views."""
         return self._places
@@ -267,7 +273,7 @@ class RodTracker:
         known = possible and math.sqrt(variance.max()) <= config.most_unsure
         observed, variance = self._observed(keypoints, variance, fit)
         confidence = config.sure**2 / (config.sure**2 + variance)
-        rod = self._estimator.known(estimate)
+        rod = self._shared(estimate)
         observation = Observation(time, observed, poses, taken=time, confidence=confidence, rod=rod)
         shares = (unexplained, missing, hidden, residual)
         marked = np.isfinite(fit.marks[:, 0])
