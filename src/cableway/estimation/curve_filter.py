@@ -63,7 +63,8 @@ class CurveConfig(Checked):
         least: Least such distance [m].
         most: Largest such distance [m].
         mark: Standard deviation [m] of a mark, the same.
-        lasting: Time [s] for which the cable lies beside the rod in the same way: pictures within it count as one.
+        lasting: Time [s] for which the cable lies beside the rod in the same way: pictures within it count as one; each
+            counts where it is 0.
         outlier: Distance, in standard deviations of the noise, from which on a point or a mark counts less.
 
     Raises:
@@ -77,7 +78,7 @@ class CurveConfig(Checked):
     least: Positive[float] = 0.006
     most: Positive[float] = 0.04
     mark: Positive[float] = 0.001
-    lasting: Positive[float] = 0.2
+    lasting: NotNegative[float] = 0.2
     outlier: Positive[float] = 2.0
 
 
@@ -138,7 +139,7 @@ class CurveEstimator(RodEstimator):
     def __init__(self, rod: PlanarRod, config: EstimatorConfig, curve: CurveConfig, control_step: float) -> None:
         super().__init__(rod, config, control_step)
         self.curve, self._delay = curve, curve.lag / control_step
-        self._new = 1 - math.exp(-control_step / curve.lasting)
+        self._new = 1 - math.exp(-control_step / curve.lasting) if curve.lasting else 1.0
         # what is taken as known is so to a thousandth of what is usually not known of it
         self._spread = np.maximum(self._prior, KNOWN * EstimatorConfig().prior(rod.length))
         self._units = np.concatenate([rod.units, self._spread[ROD]])
@@ -165,7 +166,7 @@ class CurveEstimator(RodEstimator):
         points, poses = np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(poses, dtype=float)
         updated, fit = self._updated(estimate, points, poses, speed, blobs)
         if fit is not None and fit.strain > SURPRISING and estimate.updates:
-            forgotten = replace(estimate, theta=self._nominal, covariance=np.eye(len(self._nominal)))
+            forgotten = replace(estimate, theta=self._nominal, covariance=np.eye(len(self._nominal)), updates=0)
             updated, fit = self._updated(forgotten, points, poses, speed, blobs)
         return updated, fit
 

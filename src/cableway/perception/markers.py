@@ -98,10 +98,10 @@ class MarkerTracker(RodTracker):
     """Follows a cable by its markers, and by its own pixels where its views have both (`View.marks`).
 
     As `RodTracker`, but keypoints whose markers are seen are where these are. Where views have one mask, that is of the
-    markers.
+    markers. Controllers estimate the rod from the keypoints themselves.
     """
 
-    _points: ClassVar[CurveConfig] = CurveConfig(travel=2.0, lasting=1e-3)  # each picture counts
+    _curve: ClassVar[CurveConfig] = CurveConfig(travel=2.0, lasting=0.0)
 
     def _seen_in(self, views: Sequence[View], track: Track | None = None) -> Evidence:
         line = None if track is None else self._line(track)
@@ -115,7 +115,7 @@ class MarkerTracker(RodTracker):
         return rod.shapes(track.estimate.q[None])[0][0]
 
     def _shared(self, estimate: RodEstimate) -> RodParameters | None:
-        return None  # where keypoints are seen, controllers estimate the rod from these
+        return None
 
     def _looked_for(self, views: Sequence[View]) -> Float[np.ndarray, "m"]:
         return super()._looked_for(views) if any(view.marks is not None for view in views) else self._keypoints[1:-1]

@@ -86,7 +86,8 @@ class RodTracker:
         curve: How points count.
     """
 
-    _points: ClassVar[CurveConfig] = CurveConfig()
+    _curve: ClassVar[CurveConfig] = CurveConfig()
+    """How points count unless it is said otherwise."""
 
     def __init__(
         self,
@@ -97,7 +98,7 @@ class RodTracker:
         curve: CurveConfig | None = None,
     ) -> None:
         self._cable, self._config = cable, config or TrackerConfig()
-        self._estimator = CurveEstimator(cable.rod, parameters, curve or self._points, frame_step)
+        self._estimator = CurveEstimator(cable.rod, parameters, curve or self._curve, frame_step)
         self._kept = math.exp(-frame_step / self._config.fading)
         hinges = cable.rod.hinges
         self._places = np.arange(hinges * PLACES + 1) / PLACES
