@@ -165,9 +165,13 @@ class CurveEstimator(RodEstimator):
         """
         points, poses = np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(poses, dtype=float)
         updated, fit = self._updated(estimate, points, poses, speed, blobs)
-        if fit is not None and fit.strain > SURPRISING and estimate.updates:
+        if fit is None or not estimate.updates:
+            return updated, fit
+        if fit.strain > SURPRISING:  # by the picture in full: a change must not wait for pictures to come
             forgotten = replace(estimate, theta=self._nominal, covariance=np.eye(len(self._nominal)), updates=0)
-            updated, fit = self._updated(forgotten, points, poses, speed, blobs)
+            return self._updated(forgotten, points, poses, speed, blobs)
+        if self._new < 1.0:
+            updated, fit = self._updated(estimate, points, poses, speed, blobs, self._new)
         return updated, fit
 
     def _updated(
@@ -177,12 +181,12 @@ class CurveEstimator(RodEstimator):
         poses: Float[np.ndarray, "2 3"],
         speed: float,
         blobs: Sequence[Float[np.ndarray, "b 2"]],
+        new: float = 1.0,
     ) -> tuple[RodEstimate, CurveFit | None]:
-        """See `update_points`."""
+        """See `update_points`; `new` is the share of a picture that counts."""
         expected, before = self._drifted(estimate, math.exp(-speed / self.curve.travel))
         root = np.linalg.inv(np.linalg.cholesky(before)) / self._spread
         noise = math.hypot(self.curve.noise, self._delay * speed)
-        new = self._new if estimate.updates else 1.0
         x = np.concatenate([estimate.q, expected[ROD]])
 
         def fitted(
