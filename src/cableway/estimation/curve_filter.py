@@ -77,7 +77,7 @@ class CurveConfig(Checked):
     gate: Positive[float] = 3.0
     least: Positive[float] = 0.006
     most: Positive[float] = 0.04
-    mark: Positive[float] = 0.001
+    mark: Positive[float] = 0.0005
     lasting: NotNegative[float] = 0.2
     outlier: Positive[float] = 2.0
 
@@ -190,12 +190,15 @@ class CurveEstimator(RodEstimator):
         x = np.concatenate([estimate.q, expected[ROD]])
 
         def fitted(
-            points: Float[np.ndarray, "k 2"], weights: Float[np.ndarray, "k"], marks: Float[np.ndarray, "v n 2"]
+            points: Float[np.ndarray, "k 2"],
+            weights: Float[np.ndarray, "k"],
+            marks: Float[np.ndarray, "v n 2"],
+            mark: float = self.curve.mark,
         ) -> Float[np.ndarray, "m m"]:
             """Moves x; see `curve_kernels.fit`."""
             far, units, modes = self.curve.outlier * noise, self._units, self.modes
             of = np.nonzero(np.isfinite(marks[..., 0]))
-            known = (marks[of], of[1] * self.rod.stride, new / math.hypot(self.curve.mark, self._delay * speed) ** 2)
+            known = (marks[of], of[1] * self.rod.stride, new / math.hypot(mark, self._delay * speed) ** 2)
             return curve_kernels.fit(x, modes, poses, units, expected, root, points, weights, *known, far, FITTING)
 
         normal, marks = fitted(np.empty((0, 2)), np.empty(0), np.empty((0, 1, 2))), np.empty((0, 1, 2))
@@ -207,7 +210,8 @@ class CurveEstimator(RodEstimator):
             used = np.isfinite(residuals) & (at > 0) & (at < self.rod.hinges)
             over = at[used].astype(int)  # all points over one hinge together count as one
             weights = new / (np.bincount(over, minlength=self.rod.hinges)[over] * noise**2)
-            normal = fitted(shown[used], weights, marks)
+            # names are doubtful at first
+            normal = fitted(shown[used], weights, marks, self.curve.mark if turn else self.curve.noise)
         held = self._held_by(x, poses)
         if not np.isfinite(held.stations).all():
             return estimate, None

@@ -101,7 +101,7 @@ class MarkerTracker(RodTracker):
     markers. Controllers estimate the rod from the keypoints themselves.
     """
 
-    _curve: ClassVar[CurveConfig] = CurveConfig(travel=2.0, lasting=0.0)
+    _curve: ClassVar[CurveConfig] = CurveConfig(lasting=0.0)
 
     def _seen_in(self, views: Sequence[View], track: Track | None = None) -> Evidence:
         line = None if track is None else self._line(track)
@@ -124,7 +124,7 @@ class MarkerTracker(RodTracker):
         self, keypoints: Float[np.ndarray, "n 2"], variance: Float[np.ndarray, "n"], fit: CurveFit
     ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
         seen = np.isfinite(fit.marks[:, 0])
-        return np.where(seen[:, None], fit.marks, keypoints), np.where(seen, self._config.mark**2, variance)
+        return np.where(seen[:, None], fit.marks, keypoints), np.where(seen, self._estimator.curve.mark**2, variance)
 
 
 Tracker = Literal["rod", "markers"]

@@ -23,7 +23,6 @@ class TrackerConfig(Checked):
         beside: Standard deviation [m] of how far a cable lies beside its rod.
         reach: How far along the cable that is alike, in lengths.
         fading: Time [s] in which it fades.
-        mark: Standard deviation [m] of where a marker is seen.
         sure: Standard deviation of a keypoint [m] at which its confidence is one half.
         patience: Time [s] from one look for another shape to the next one, where the rod does not explain what is seen.
         most_unexplained: Share of the points that may be something else's, from which on the rod explains too little;
@@ -45,7 +44,6 @@ class TrackerConfig(Checked):
     beside: Positive[float] = 0.0007
     reach: Positive[float] = 0.12
     fading: Positive[float] = 2.0
-    mark: Positive[float] = 0.0005
     sure: Positive[float] = 0.004
     patience: NotNegative[float] = 0.1
     most_unexplained: Share = 0.3
