@@ -10,14 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import label
 from scipy.spatial.distance import cdist
 
-from cableway.estimation.curve_filter import CurveConfig, CurveFit
+from cableway.estimation.curve_filter import CurveFit
 from cableway.estimation.rod_filter import RodEstimate
 from cableway.perception.rod_tracker import Evidence, RodTracker
 from cableway.perception.sighting import Track
@@ -100,8 +100,6 @@ class MarkerTracker(RodTracker):
     As `RodTracker`, but keypoints whose markers are seen are where these are. Where views have one mask, that is of the
     markers. Controllers estimate the rod from the keypoints themselves.
     """
-
-    _curve: ClassVar[CurveConfig] = CurveConfig(lasting=0.0)
 
     def _seen_in(self, views: Sequence[View], track: Track | None = None) -> Evidence:
         line = None if track is None else self._line(track)

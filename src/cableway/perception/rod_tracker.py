@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -83,11 +83,8 @@ class RodTracker:
         frame_step: Time [s] between two frames.
         config: Settings.
         parameters: Prior of the parameters of the rod.
-        curve: How points count.
+        curve: How points and marks count.
     """
-
-    _curve: ClassVar[CurveConfig] = CurveConfig()
-    """How points count unless it is said otherwise."""
 
     def __init__(
         self,
@@ -98,7 +95,7 @@ class RodTracker:
         curve: CurveConfig | None = None,
     ) -> None:
         self._cable, self._config = cable, config or TrackerConfig()
-        self._estimator = CurveEstimator(cable.rod, parameters, curve or self._curve, frame_step)
+        self._estimator = CurveEstimator(cable.rod, parameters, curve or CurveConfig(), frame_step)
         self._kept = math.exp(-frame_step / self._config.fading)
         hinges = cable.rod.hinges
         self._places = np.arange(hinges * PLACES + 1) / PLACES
