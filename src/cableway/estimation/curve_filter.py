@@ -164,15 +164,14 @@ class CurveEstimator(RodEstimator):
             blobs: (b, 2) of each camera, what may be marks [m], in any order.
         """
         points, poses = np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(poses, dtype=float)
-        updated, fit = self._updated(estimate, points, poses, speed, blobs)
-        if fit is None or not estimate.updates:
-            return updated, fit
-        if fit.strain > SURPRISING:  # by the picture in full: a change must not wait for pictures to come
-            forgotten = replace(estimate, theta=self._nominal, covariance=np.eye(len(self._nominal)), updates=0)
-            return self._updated(forgotten, points, poses, speed, blobs)
-        if self._new < 1.0:
-            updated, fit = self._updated(estimate, points, poses, speed, blobs, self._new)
-        return updated, fit
+        if estimate.updates:
+            # by the picture in full, as a change must not wait for pictures to come, and by marks as by points: what no
+            # rod explains of them is no change
+            judged = self._updated(estimate, points, poses, speed, blobs, mark=self.curve.noise)[1]
+            if judged is None or judged.strain <= SURPRISING:
+                return self._updated(estimate, points, poses, speed, blobs, self._new)
+            estimate = replace(estimate, theta=self._nominal, covariance=np.eye(len(self._nominal)), updates=0)
+        return self._updated(estimate, points, poses, speed, blobs)
 
     def _updated(
         self,
@@ -182,8 +181,10 @@ class CurveEstimator(RodEstimator):
         speed: float,
         blobs: Sequence[Float[np.ndarray, "b 2"]],
         new: float = 1.0,
+        mark: float | None = None,
     ) -> tuple[RodEstimate, CurveFit | None]:
-        """See `update_points`; `new` is the share of a picture that counts."""
+        """See `update_points`; `new` is the share of a picture that counts, `mark` replaces `CurveConfig.mark` [m]."""
+        mark = self.curve.mark if mark is None else mark
         expected, before = self._drifted(estimate, math.exp(-speed / self.curve.travel))
         root = np.linalg.inv(np.linalg.cholesky(before)) / self._spread
         noise = math.hypot(self.curve.noise, self._delay * speed)
@@ -193,7 +194,7 @@ class CurveEstimator(RodEstimator):
             points: Float[np.ndarray, "k 2"],
             weights: Float[np.ndarray, "k"],
             marks: Float[np.ndarray, "v n 2"],
-            mark: float = self.curve.mark,
+            mark: float,
         ) -> Float[np.ndarray, "m m"]:
             """Moves x; see `curve_kernels.fit`."""
             far, units, modes = self.curve.outlier * noise, self._units, self.modes
@@ -201,7 +202,8 @@ class CurveEstimator(RodEstimator):
             known = (marks[of], of[1] * self.rod.stride, new / math.hypot(mark, self._delay * speed) ** 2)
             return curve_kernels.fit(x, modes, poses, units, expected, root, points, weights, *known, far, FITTING)
 
-        normal, marks = fitted(np.empty((0, 2)), np.empty(0), np.empty((0, 1, 2))), np.empty((0, 1, 2))
+        marks = np.empty((0, 1, 2))
+        normal = fitted(np.empty((0, 2)), np.empty(0), marks, self.curve.noise)
         for turn in range(PASSES):
             held = self._held_by(x, poses)
             marks = self._named(blobs, held, normal, noise)
@@ -211,7 +213,7 @@ class CurveEstimator(RodEstimator):
             over = at[used].astype(int)  # all points over one hinge together count as one
             weights = new / (np.bincount(over, minlength=self.rod.hinges)[over] * noise**2)
             # names are doubtful at first
-            normal = fitted(shown[used], weights, marks, self.curve.mark if turn else self.curve.noise)
+            normal = fitted(shown[used], weights, marks, mark if turn else self.curve.noise)
         held = self._held_by(x, poses)
         if not np.isfinite(held.stations).all():
             return estimate, None
