@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 from other_trackers import RegisteringTracker, SplineTracker, resampled
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter
 from threadpoolctl import threadpool_limits
 
@@ -52,9 +53,15 @@ BLUR, NOISE = 0.7, 5.0
 """Of the pictures: standard deviations of the blur [pixels] and of each pixel, of 255."""
 
 PLACES = ("above", "front", "back")
-SETUPS = {"one above": (0,), "two low": (1, 2)}
+SETUPS = {"one above": (0,), "one low": (1,), "two low": (1, 2), "above and low": (0, 2)}
 FINE = 1500
 """Points of a curve from which the nearest one is sought: 0.2 mm apart."""
+
+SMOOTH = 241
+"""Points of a curve through keypoints."""
+
+BEYOND = 0.02
+"""How far [m] a gripper may be beyond an end of a curve."""
 
 NINETY = 1.645
 """Standard deviations within which 90% of a normal distribution lie."""
@@ -115,7 +122,8 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
             out.setdefault(f"{name} {what}", []).append(value)
 
     for row in rows:
-        state, true = (rollout.centreline[row], rollout.joints[row]), (rollout.keypoints[row], rollout.centreline[row])
+        state = (rollout.centreline[row], rollout.joints[row])
+        true = (rollout.keypoints[row], rollout.centreline[row], poses[row])
         made, bands = (
             pictures(scene, eyes, *state, rng),
             pictures(banded, eyes, *state, np.random.default_rng([seed, row])),
@@ -149,12 +157,17 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
 OTHERS, MAKERS = ("spline", "registration"), (SplineTracker, RegisteringTracker)
 
 
-def off(found: np.ndarray, truth: np.ndarray, curve: np.ndarray) -> dict[str, np.ndarray]:
-    """How far keypoints are off [m]: from the true ones, across the cable, and from the true curve, wherever on it."""
+def off(found: np.ndarray, truth: np.ndarray, curve: np.ndarray, poses: np.ndarray) -> dict[str, np.ndarray]:
+    """How far keypoints are off [m]: from the true ones, across the cable, from the true curve, wherever on it, and
+    were they, as the true ones, at equal distances between the grippers along their curves."""
     error, along = found - truth, np.gradient(truth, axis=0)
     across = np.abs(along[:, 0] * error[:, 1] - along[:, 1] * error[:, 0]) / np.linalg.norm(along, axis=1)
     away = np.linalg.norm(found[:, None] - resampled(curve, FINE), axis=2).min(axis=1)
-    return {"error": np.linalg.norm(error, axis=1), "across": across, "curve": away}
+    equal = np.full(len(found), np.nan)
+    if np.isfinite(found).all():
+        smooth = CubicSpline(np.arange(len(found)), found)(np.linspace(0, len(found) - 1, SMOOTH))
+        equal = np.linalg.norm(between(smooth, poses, len(found)) - between(curve, poses, len(found)), axis=1)
+    return {"error": np.linalg.norm(error, axis=1), "across": across, "curve": away, "equal": equal}
 
 
 def in_deviations(found: np.ndarray, truth: np.ndarray, covariance: np.ndarray) -> dict[str, np.ndarray]:
@@ -171,9 +184,12 @@ def in_deviations(found: np.ndarray, truth: np.ndarray, covariance: np.ndarray) 
 
 
 def between(curve: np.ndarray, poses: np.ndarray, count: int) -> np.ndarray:
-    """Keypoints [m] of a cable's true curve, were its ends where its grippers are along it."""
-    beyond = [2 * curve[0] - curve[1], 2 * curve[-1] - curve[-2]]
-    fine = resampled(np.vstack([beyond[:1], curve, beyond[1:]]), 5000)
+    """Keypoints [m] at equal distances along a curve from where one gripper is along it to where the other is, beyond
+    its ends along straight lines."""
+    fine = resampled(curve, 5000)
+    ways = fine[[0, -1]] - fine[[1, -2]]
+    beyond = np.linspace(0.0, BEYOND, 200)[1:, None] * (ways / np.linalg.norm(ways, axis=1, keepdims=True))[:, None]
+    fine = np.vstack([fine[0] + beyond[0, ::-1], fine, fine[-1] + beyond[1]])
     half = len(fine) // 2
     first, last = (np.linalg.norm(fine - pose[:2], axis=1) for pose in poses)
     return resampled(fine[np.argmin(first[:half]) : half + np.argmin(last[half:]) + 1], count)
@@ -211,18 +227,20 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
     def rows(name: str) -> np.ndarray:
         return np.concatenate([each[name] for each in found])
 
-    table("cameras", "tracker", "error, mean, p99, worst [mm]", "across the cable [mm]", "off the curve [mm]",
-          "time, median, p99 [ms]")  # fmt: skip
+    table("cameras", "tracker", "error, mean, p99, worst [mm]", "at equal distances [mm]", "across the cable [mm]",
+          "off the curve [mm]", "time, median, mean, p99 [ms]")  # fmt: skip
     kinds = ("rod", "markers", "rod-by-markers", *OTHERS)
     for name in ("- true curve", *(f"{setup} {kind}" for setup in SETUPS for kind in kinds)):
         setup, kind = ("-", "true curve") if name[0] == "-" else name.rsplit(" ", 1)
         spent = 1e3 * rows(f"{name} spent") if kind != "true curve" else np.full(1, np.nan)
-        times = f"{np.median(spent):.1f}, {np.percentile(spent, 99):.1f}" if np.isfinite(spent).all() else "-"
-        spreads = (spread(rows(f"{name} {what}")) for what in ("error", "across", "curve"))
+        times = ", ".join(f"{each:.1f}" for each in (np.median(spent), spent.mean(), np.percentile(spent, 99)))
+        times = times if np.isfinite(spent).all() else "-"
+        spreads = (spread(rows(f"{name} {what}")) for what in ("error", "equal", "across", "curve"))
         table(setup, kind, *spreads, times, head=False)
     print()
     table("cameras", "tracker", "90% intervals cover, all, along, across [%]", "error over deviation, along, across",
-          "explained [%]", "known [%]", "lost [frames]", "error where known, mean, p99, worst [mm]")  # fmt: skip
+          "explained [%]", "known [%]", "lost [frames]", "error where known, mean, p99, worst [mm]",
+          "at equal distances [mm]")  # fmt: skip
     for setup, kind in itertools.product(SETUPS, ("rod", "rod-by-markers")):
         error, explained, known = (rows(f"{setup} {kind} {what}") for what in ("error", "explained", "known"))
         deviations = [rows(f"{setup} {kind} deviations{what}") for what in ("", "-along", "-across")]
@@ -236,6 +254,7 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
             f"{100 * known.mean():.1f}",
             f"{np.isnan(error).any(axis=1).sum()}",
             spread(error[known.astype(bool)]),
+            spread(rows(f"{setup} {kind} equal")[known.astype(bool)]),
             head=False,
         )
     print()
@@ -256,8 +275,10 @@ def table(*cells: str, head: bool = True) -> None:
 
 
 def spread(error: np.ndarray) -> str:
-    """Mean, 99th percentile and worst [mm] of the frames in which the cable was not lost."""
+    """Mean, 99th percentile and worst [mm] of the frames in which the cable was not lost; "-" where that is none."""
     error = error[np.isfinite(error)]
+    if not len(error):
+        return "-"
     return f"{1e3 * error.mean():.2f}, {1e3 * np.percentile(error, 99):.2f}, {1e3 * error.max():.1f}"
 
 
