@@ -18,7 +18,7 @@ from cableway.perception.calibration_file import load_camera, save_camera
 from cableway.perception.capture import Frame
 from cableway.perception.placement import camera_at
 from cableway.perception.segmentation import CableColor
-from cableway.rendering.cell import BAND
+from cableway.rendering.markers import BAND
 from cableway.rendering.mesh import Mesh, prism, tube
 from cableway.rendering.picture import Light, render
 from cableway.rod.inverse import shape_between

@@ -15,7 +15,7 @@ from cableway.perception.markers import MarkerTracker, marks_of
 from cableway.perception.placement import camera_at
 from cableway.perception.sighting import Sighting
 from cableway.perception.views import View
-from cableway.rendering.cell import BAND
+from cableway.rendering.markers import BAND
 from cableway.rendering.mesh import Mesh, tube
 from cableway.rendering.picture import labels
 

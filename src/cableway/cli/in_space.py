@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cableway.cli.planning import PlanOptions
     from cableway.scene.spatial.task import SpatialTask
     from cableway.simulation.spatial_perturbation import SpatialPerturbation
+    from cableway.tracking.photographer import EyesConfig
     from cableway.workflow.solve_in_space import SpatialRun
 
 
@@ -44,6 +45,7 @@ def leave_in_space(
     controller: str | None = None,
     plan: Path | None = None,
     perturbation: SpatialPerturbation | None = None,
+    eyes: EyesConfig | None = None,
     video: bool = False,
     watch: bool = False,
 ) -> int:
@@ -56,6 +58,7 @@ def leave_in_space(
         controller: What leads the simulated cable along the plan; None for a plan alone.
         plan: File of a plan of the task, in place of a new one.
         perturbation: How the simulated cable differs; not at all where None.
+        eyes: Cameras by which the controller knows the cable; None where it gets the plant's keypoints.
         video: Whether a video is made of the run.
         watch: Whether the run is shown on a page; the command then goes on until that is closed.
     """
@@ -69,7 +72,7 @@ def leave_in_space(
         require_without_arms(task)
     terminal, folder = Terminal(options), options.folder(task.name)
     chosen = SpatialOptions(
-        plan=plan, controller=controller, perturbation=perturbation, seed=options.seed or 0,
+        plan=plan, controller=controller, perturbation=perturbation, eyes=eyes, seed=options.seed or 0,
         time_limit=options.time_limit - (clock() - since),
         clock=lambda: math.inf if INTERRUPTS.came else clock(),
     )  # fmt: skip

@@ -131,12 +131,13 @@ class Run(PlanOptions):
     def _in_space(self, task: SpatialTask, since: float) -> int:
         from cableway.cli.in_space import leave_in_space, refuse
         from cableway.simulation.perturbations.spatial_reading import read_spatial_perturbation
+        from cableway.tracking.spatial_eyes import SETUP
         from cableway.workflow.spatial_run import CONTROLLERS
 
         default = {field.name: field.default for field in fields(self)}
         chosen = {
             f"--{name.replace('_', '-')}": getattr(self, name) != default[name]
-            for name in ("model", "adapt", "camera", "deadline", "speed", "dry_run")
+            for name in ("model", "adapt", "depth", "deadline", "speed", "dry_run")
         }
         refuse(task, self.planar_options() | chosen | {"--cell": self.cell is not None})
         controller = self.controller or next(iter(CONTROLLERS))
@@ -147,14 +148,16 @@ class Run(PlanOptions):
         perturbation = None if self.plant is None else read_spatial_perturbation(Path(self.plant), task)
         return leave_in_space(
             self, task, since, controller=controller, plan=self.plan_file, perturbation=perturbation,
-            video=not self.no_video, watch=self.watch,
+            eyes=self._eyes(**SETUP), video=not self.no_video, watch=self.watch,
         )  # fmt: skip
 
-    def _eyes(self) -> EyesConfig | None:
-        """The cameras that the options ask for."""
+    def _eyes(self, **setup: Any) -> EyesConfig | None:
+        """The cameras that the options ask for, with a setup of their own."""
         from cableway.tracking.eyes import EyesConfig
 
         if self.camera is None:
             return None
         given: dict[str, Any] = {} if self.tracker is None else {"tracker": self.tracker}
-        return EyesConfig(cameras=tuple(self.camera.split(",")), depth=self.depth, seed=self.seed or 0, **given)
+        return EyesConfig(
+            cameras=tuple(self.camera.split(",")), depth=self.depth, seed=self.seed or 0, **given, **setup
+        )

@@ -61,3 +61,9 @@ def connected(keypoints: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.nda
     apart = np.flatnonzero(np.linalg.norm(np.diff(left, axis=0), axis=1) > (1 + SLACK) * spacing)
     left[apart] = left[apart + 1] = np.nan
     return left
+
+
+def is_blind(observation: Observation) -> bool:
+    """Whether no keypoint can be relied on, by whoever observes them: that none was observed is another matter."""
+    confidence = observation.confidence
+    return confidence is not None and not confidence.any()

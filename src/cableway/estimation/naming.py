@@ -8,14 +8,14 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 APART = 1e3
-"""Cost [m] of a mark and a marker that are too far apart to be one."""
+"""Cost of a mark and a marker that are too far apart to be one: more than any reach."""
 
 
 def named(
     marks: Float[np.ndarray, "b 2"], expected: Float[np.ndarray, "n 2"], reach: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Where each marker is [m], NaN where there is no mark for it: no mark has two names, and the sum of the distances
-    is least.
+    """Where each marker is, NaN where there is no mark for it: no mark has two names, and the sum of the distances is
+    least. All is in metres on a table, or in pixels of one picture.
 
     Nothing is carried over from an earlier frame but what is expected, so that a wrong name does not stay.
 
@@ -25,9 +25,9 @@ def named(
            [ nan,  nan]])
 
     Args:
-        marks: In any order [m].
-        expected: Of the markers [m].
-        reach: Distance of each from there up to which a mark may be it [m].
+        marks: In any order.
+        expected: Of the markers.
+        reach: Distance of each from there up to which a mark may be it.
     """
     out = np.full_like(expected, np.nan)
     away = cdist(expected, marks)

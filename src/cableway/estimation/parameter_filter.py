@@ -169,7 +169,7 @@ class ParameterFilter(ABC, Generic[E]):
         """Of the keypoints, from a shape near."""
 
     @abstractmethod
-    def _fitted(self, keypoints: Float[np.ndarray, "n space"], poses: Float[np.ndarray, "2 pose"]) -> np.ndarray:
+    def fitted(self, keypoints: Float[np.ndarray, "n space"], poses: Float[np.ndarray, "2 pose"]) -> np.ndarray:
         """The nominal rod's shape q (d,) nearest to keypoints, written with gripper poses like these."""
 
     @property
@@ -258,6 +258,7 @@ class ParameterFilter(ABC, Generic[E]):
         speed: float,
         confidence: Float[np.ndarray, "n"] | None = None,
         rod: RodParameters | None = None,
+        information: Float[np.ndarray, "n space space"] | None = None,
     ) -> E:
         """The estimate after an observation; as it was where the rod cannot explain it.
 
@@ -268,6 +269,8 @@ class ParameterFilter(ABC, Generic[E]):
             speed: Of the faster gripper then [m per control step].
             confidence: (n,) from 0 to 1, by which each keypoint counts; None where all count the same.
             rod: Theta as it is known by now, which takes the place of a correction by the keypoints.
+            information: (n, space, space) inverse covariance of each keypoint, over that of one that is seen in all
+                directions; None where all are. A camera alone does not see how far away one is.
         """
         visible = np.isfinite(keypoints[:, 0])
         if not visible.any():
@@ -276,7 +279,7 @@ class ParameterFilter(ABC, Generic[E]):
         if not expected.possible:
             return estimate
         if rod is None:
-            theta, covariance = self._corrected(estimate, expected, keypoints, speed, confidence)
+            theta, covariance = self._corrected(estimate, expected, keypoints, speed, confidence, information)
         else:
             theta, covariance = self._given(rod)
         corrected = self._explained(expected.q, theta, keypoints, poses)
@@ -296,6 +299,14 @@ class ParameterFilter(ABC, Generic[E]):
             estimate, theta=theta, covariance=covariance, q=corrected.q, offset=offset, surprise=surprise,
             updates=estimate.updates + 1,
         )  # fmt: skip
+
+    def expected(
+        self, estimate: E, poses: Float[np.ndarray, "2 pose"]
+    ) -> tuple[Prediction, Float[np.ndarray, "n space space"]]:
+        """The keypoints between grippers at poses [m, m, rad], and their covariance [m^2] by that of theta."""
+        prediction = self._held(estimate, None, poses)[1]
+        rows = prediction.by_theta * self._prior
+        return prediction, np.einsum("nip,pq,njq->nij", rows, estimate.covariance, rows)
 
     def held_at(self, estimate: E, share: float = 1.0) -> tuple[int, Float[np.ndarray, "space"], float] | None:
         """See `Surprise.held_at`; None, too, where the cable swings, as that is not known from it."""
@@ -333,7 +344,7 @@ class ParameterFilter(ABC, Generic[E]):
         if missed < JUMP:
             return going_on
         filled = np.where(np.isfinite(keypoints), keypoints, self.rod.at_keypoints(self.rod.shapes(q[None])[0])[0])
-        anew = self.predict(self._fitted(filled, poses), theta, poses)
+        anew = self.predict(self.fitted(filled, poses), theta, poses)
         return anew if float(anew.distances(keypoints).mean()) < 0.5 * missed else going_on
 
     def _corrected(
@@ -343,16 +354,21 @@ class ParameterFilter(ABC, Generic[E]):
         keypoints: Float[np.ndarray, "n space"],
         speed: float,
         confidence: Float[np.ndarray, "n"] | None,
+        information: Float[np.ndarray, "n space space"] | None,
     ) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
         """One step of the filter: theta and its covariance in units of the prior."""
         config, prior = self._config, self._prior
-        distance = np.linalg.norm(keypoints - expected.keypoints, axis=1)
+        error, by_theta = keypoints - expected.keypoints, expected.by_theta
+        if information is not None:
+            roots = _roots(information)
+            error, by_theta = np.einsum("nij,nj->ni", roots, error), np.einsum("nij,njp->nip", roots, by_theta)
+        distance = np.linalg.norm(error, axis=1)
         deviation = math.hypot(config.noise, self._lag * speed)
         certainty = self._trust / np.maximum(1.0, distance / (config.outlier * deviation)) / deviation**2
         certainty = certainty if confidence is None else certainty * confidence
         weights = np.repeat(np.where(np.isfinite(distance), certainty, 0.0), keypoints.shape[1])
-        error = np.nan_to_num(keypoints - expected.keypoints).ravel()
-        rows = (expected.by_theta * prior).reshape(-1, len(prior))
+        error = np.nan_to_num(error).ravel()
+        rows = (by_theta * prior).reshape(-1, len(prior))
         theta, drifted = self._drifted(estimate, self._kept)
         weighted = rows.T * weights
         covariance = np.linalg.inv(np.linalg.inv(drifted) + weighted @ rows)
@@ -370,3 +386,9 @@ class ParameterFilter(ABC, Generic[E]):
         nominal = self._nominal
         theta = nominal + kept * (estimate.theta - nominal)
         return theta, kept**2 * estimate.covariance + (1 - kept**2) * np.eye(len(self._nominal))
+
+
+def _roots(information: Float[np.ndarray, "n k k"]) -> Float[np.ndarray, "n k k"]:
+    """Square roots of matrices, which are positive semidefinite."""
+    values, vectors = np.linalg.eigh(information)
+    return np.einsum("nij,nj,nkj->nik", vectors, np.sqrt(np.maximum(values, 0.0)), vectors)

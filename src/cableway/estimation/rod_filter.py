@@ -89,5 +89,6 @@ class RodEstimator(ParameterFilter[RodEstimate]):
         finite = bool(np.isfinite(keypoints).all() and np.isfinite(by_theta).all())
         return Prediction(q, keypoints, by_theta, finite and left < MET)
 
-    def _fitted(self, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "d"]:
+    def fitted(self, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "d"]:
+        """See `ParameterFilter.fitted`."""
         return self.rod.continued(fit_keypoints(self.rod, keypoints)[0], poses)

@@ -133,7 +133,8 @@ class SpatialEstimator(ParameterFilter[SpatialEstimate]):
             [each[2][0] for each in found]
         )
 
-    def _fitted(self, keypoints: Float[np.ndarray, "n 3"], poses: Float[np.ndarray, "2 7"]) -> Float[np.ndarray, "12"]:
+    def fitted(self, keypoints: Float[np.ndarray, "n 3"], poses: Float[np.ndarray, "2 7"]) -> Float[np.ndarray, "12"]:
+        """See `ParameterFilter.fitted`."""
         return fit_shape(self.rod, keypoints, poses[:, 3:])[0]
 
 

@@ -17,18 +17,18 @@ def arc_length(points: Float[np.ndarray, "... m space"]) -> Float[np.ndarray, ".
     return np.concatenate([zero, np.cumsum(steps, axis=-1)], axis=-1)
 
 
-def length(points: Float[np.ndarray, "... m 2"]) -> Float[np.ndarray, "..."]:
+def length(points: Float[np.ndarray, "... m space"]) -> Float[np.ndarray, "..."]:
     """Length [m] of each polyline; 0 for a single vertex."""
     return arc_length(points)[..., -1]
 
 
-def point_at(points: Float[np.ndarray, "m 2"], s: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 2"]:
+def point_at(points: Float[np.ndarray, "m space"], s: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k space"]:
     """The points at arc lengths `s` [m] along one polyline, held at its ends outside."""
     arc = arc_length(points)
-    return np.column_stack([np.interp(s, arc, points[:, 0]), np.interp(s, arc, points[:, 1])])
+    return np.column_stack([np.interp(s, arc, part) for part in points.T])
 
 
-def resample(points: Float[np.ndarray, "m 2"], count: int) -> Float[np.ndarray, "count 2"]:
+def resample(points: Float[np.ndarray, "m space"], count: int) -> Float[np.ndarray, "count space"]:
     """`count` points at equal arc length along one polyline, both ends included.
 
     >>> resample(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), 3).tolist()

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.ndimage import label
 from scipy.spatial.distance import cdist
 
@@ -38,6 +38,35 @@ VISIBLE = math.pi / 4
 angle from its middle, by which its parts are seen foreshortened."""
 
 
+class Marks(NamedTuple):
+    """What may be markers in a picture, those left out that are cut by what hides the cable.
+
+    Attributes:
+        pixels: (b, 2) their middles (u, v).
+        areas: (b,) of each [pixels].
+    """
+
+    pixels: Float[np.ndarray, "b 2"]
+    areas: Float[np.ndarray, "b"]
+
+    def of_size(self, widths: Float[np.ndarray, "b"]) -> Bool[np.ndarray, "b"]:
+        """Which are as large as a marker, where the cable is so wide [pixels]."""
+        return (self.areas >= SMALLEST * widths**2) & (self.areas <= LARGEST * widths**2)
+
+
+def marks_in(view: View) -> Marks:
+    """What may be markers in a view, in no order."""
+    mask = view.markers
+    rows, columns = np.nonzero(mask)
+    numbers = np.empty(mask.shape, np.int32)
+    label(mask, output=numbers)
+    names = numbers[rows, columns] - 1
+    areas = np.bincount(names)
+    whole = np.bincount(names, _cut(view, rows, columns), len(areas)) == 0
+    pixels = np.column_stack([np.bincount(names, columns), np.bincount(names, rows)]) / areas[:, None]
+    return Marks(pixels[whole], areas[whole].astype(float))
+
+
 def marks_of(view: View, radius: float, line: Float[np.ndarray, "m 2"] | None = None) -> Float[np.ndarray, "b 2"]:
     """Where the marks of a view are [m], on the axis of a cable that lies on the table, in no order.
 
@@ -49,20 +78,10 @@ def marks_of(view: View, radius: float, line: Float[np.ndarray, "m 2"] | None = 
         line: Where the cable about is [m]; None where that is not known. By its direction the middle of what is seen of
             a band is brought to the axis: of one that runs towards a low camera it is nearly a radius above that.
     """
-    mask = view.markers
-    rows, columns = np.nonzero(mask)
-    if not len(rows):
-        return np.empty((0, 2))
-    numbers = np.empty(mask.shape, np.int32)
-    label(mask, output=numbers)
-    names = numbers[rows, columns] - 1
-    count = np.bincount(names)
-    pixels = np.column_stack([np.bincount(names, columns), np.bincount(names, rows)]) / count[:, None]
-    points = view.camera.on_plane(pixels, radius)
-    square = widths(view, points, radius) ** 2
-    fits = (count >= SMALLEST * square) & (count <= LARGEST * square)
-    fits &= np.bincount(names, _cut(view, rows, columns)) == 0
-    return points[fits] if line is None else _to_axis(view, pixels[fits], points[fits], radius, line)
+    found = marks_in(view)
+    points = view.camera.on_plane(found.pixels, radius)
+    fits = found.of_size(widths(view, points, radius))
+    return points[fits] if line is None else _to_axis(view, found.pixels[fits], points[fits], radius, line)
 
 
 def _to_axis(
@@ -75,10 +94,17 @@ def _to_axis(
     """Points of the axis [m] of bands that are seen at pixels, about at `points`, along a line."""
     along = np.gradient(line, axis=0)[cdist(points, line).argmin(axis=1)] if len(points) else np.empty((0, 2))
     along = np.column_stack([along / np.linalg.norm(along, axis=1, keepdims=True), np.zeros(len(along))])
-    facing = view.camera.pinhole.pose[:3, 3] - np.column_stack([points, np.full(len(points), radius)])
-    facing -= np.sum(facing * along, axis=1, keepdims=True) * along
-    lift = VISIBLE * radius * facing / np.linalg.norm(facing, axis=1, keepdims=True)
+    lift = visible_side(view, np.column_stack([points, np.full(len(points), radius)]), along, radius)
     return view.camera.on_plane(pixels, radius + lift[:, 2]) - lift[:, :2]
+
+
+def visible_side(
+    view: View, points: Float[np.ndarray, "b 3"], along: Float[np.ndarray, "b 3"], radius: float
+) -> Float[np.ndarray, "b 3"]:
+    """From points [m] of a cable's axis, whose directions are `along`, to the middles of what is seen of bands."""
+    facing = view.camera.pinhole.pose[:3, 3] - points
+    facing -= np.sum(facing * along, axis=1, keepdims=True) * along
+    return VISIBLE * radius * facing / np.linalg.norm(facing, axis=1, keepdims=True)
 
 
 def _cut(view: View, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -25,7 +25,9 @@ SIDES = {"front": (0.0, -1.0), "back": (0.0, 1.0), "left": (-1.0, 0.0), "right":
 PLACES = ("above", *SIDES)
 
 
-def camera_at(place: str, workspace: tuple[float, float], picture: tuple[int, int] = (640, 480)) -> CalibratedCamera:
+def camera_at(
+    place: str, workspace: tuple[float, float], picture: tuple[int, int] = (640, 480), height: float = 0.0
+) -> CalibratedCamera:
     """A camera without distortion in one of `PLACES`.
 
     >>> camera_at("above", (0.7, 0.7)).pinhole.pose[:3, 3].tolist()
@@ -35,14 +37,15 @@ def camera_at(place: str, workspace: tuple[float, float], picture: tuple[int, in
         place: Its name.
         workspace: Width and height [m]; what is larger than 0.7 m is looked at from farther off.
         picture: Width and height [pixels].
+        height: Of the space over the table that is looked at [m].
 
     Raises:
         UnknownNameError: There is no such place; the message lists them.
     """
     if place not in PLACES:
         raise UnknownNameError("place of a camera", place, PLACES)
-    width, height = workspace
-    middle, larger = np.array([width / 2, height / 2, 0.0]), max(1.0, max(workspace) / 0.7)
+    width, depth = workspace
+    middle, larger = np.array([width / 2, depth / 2, height / 2]), max(1.0, math.hypot(max(workspace), height) / 0.7)
     if place == "above":
         at, aim, view = np.array([0.0, 0.0, ABOVE]), np.array([0.0, 0.0, -1.0]), VIEWS["above"]
     else:

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import InputError
 from cableway.geometry import polyline
+from cableway.rendering.markers import bands
 from cableway.rendering.mesh import Mesh, Surface, capsules, circle, prism, tube
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.arm_models import ArmModel
@@ -103,9 +104,6 @@ UNLIMITED = 0.1
 FLUSH = 0.004
 """The same of walls [m], which would hide what is within them."""
 
-BAND = 1.04
-"""Radius of a marker over that of the cable; it is as long as the cable is wide."""
-
 DISC = 0.03
 """Height of grippers and plugs that state none [m]."""
 
@@ -169,7 +167,7 @@ class CellScene:
         line = np.column_stack([cable, np.full(len(cable), radius)])
         yield tube(line, radius).painted(self._look.cable, Label.CABLE)
         if self._look.marker is not None:
-            for band in self._bands(cable):
+            for band in bands(line, radius, self._task.cable.keypoints):
                 yield band.painted(self._look.marker, Label.CABLE)
         if joints is not None and self._kinematics is not None:
             poses = self._kinematics.poses(joints)
@@ -178,13 +176,6 @@ class CellScene:
             return
         for body in shown_bodies(self._task):
             yield body_surface(body, poses[body.side]).painted(self._look.grippers[body.side], GRIPPERS[body.side])
-
-    def _bands(self, cable: Float[np.ndarray, "m 2"]) -> Iterator[Surface]:
-        """The markers on a cable, whose keypoints are at equal distances along it."""
-        count, radius = self._task.cable.keypoints, self._task.cable.radius
-        for at in np.linspace(0.0, float(polyline.length(cable)), count)[1:-1]:
-            line = polyline.point_at(cable, at + radius * np.array([-1.0, 0.0, 1.0]))
-            yield tube(np.column_stack([line, np.full(3, radius)]), BAND * radius)
 
     def _arms(self, kinematics: CellKinematics, joints: Float[np.ndarray, "2 6"]) -> Iterator[Mesh]:
         for side, (tubes, others) in enumerate(arm_capsules(self._task, kinematics, joints)):

@@ -7,7 +7,6 @@ of the truth. What may hide the cable is known from where the arms, hands and ob
 from __future__ import annotations
 
 import time as clock
-from collections import deque
 from dataclasses import replace
 from typing import Any
 
@@ -28,9 +27,7 @@ from cableway.scene.task import Task
 from cableway.tracking.lookout import Lookout
 from cableway.tracking.photographer import LOOK, MARKER, EyesConfig, Photographer, State
 from cableway.tracking.plant import Plant
-
-ROUNDING = 1e-9
-"""[s]."""
+from cableway.tracking.shutter import Shutter
 
 LOST = 0.02
 """Mean error of the keypoints of a frame [m] from which on a cable that is taken for known is lost. Trackers that have
@@ -75,16 +72,16 @@ class SeenPlant:
         self._known_scene = self._planned.scene
         actual = None if actual == self._known_scene else actual
         self._photographer = Photographer(self._planned, way, config, actual)
-        self._cable = _shown_as(LOOK.cable)
-        self._marker = _shown_as(MARKER) if config.tracker == "markers" else None
+        self._cable = shown_as(LOOK.cable)
+        self._marker = shown_as(MARKER) if config.tracker == "markers" else None
         self._tracker = TRACKERS[config.tracker](plant.task.cable, 1 / config.frame_rate)
         self._begin()
 
     def _begin(self) -> None:
         self._rng = np.random.default_rng(self._config.seed)
-        self._states: deque[State] = deque()
+        self._shutter = Shutter(self._config, self.control_step, _between)
+        self._now = 0.0
         self._track: Track | None = None
-        self._frame = 0
         self._errors: list[Float[np.ndarray, "n"]] = []
         self._hidden: list[float] = []
         self._known: list[bool] = []
@@ -117,9 +114,9 @@ class SeenPlant:
     def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
         """Move, and find the cable in the pictures that have come since."""
         reported = self._plant.step(action)
-        now = self._states[-1].time + self.control_step
-        self._note(now, reported)
-        return self._seen(now, reported)
+        self._now += self.control_step
+        self._note(self._now, reported)
+        return self._seen(self._now, reported)
 
     def record(self) -> dict[str, Any]:
         """Plain data on the cameras and on how well they saw, against the truth, for the record of a run.
@@ -156,33 +153,18 @@ class SeenPlant:
 
     def _note(self, now: float, reported: Observation) -> None:
         truth = self._plant.measure()
-        poses = reported.poses if np.isfinite(reported.poses).all() else self._states[-1].poses
-        if self._states:
-            poses = SE2.continued(poses, self._states[-1].poses)
-        self._states.append(State(now, truth.centreline, poses, truth.joints))
-        while len(self._states) > 2 and self._states[1].time < now - self._config.latency - self.control_step:
-            self._states.popleft()
-
-    def _at(self, time: float) -> State:
-        """The state at a time, between two that are known."""
-        states = list(self._states)
-        after = next((k for k, state in enumerate(states) if state.time >= time - ROUNDING), len(states) - 1)
-        b = states[after]
-        a = states[max(after - 1, 0)]
-        share = 1.0 if b.time <= a.time else min(max((time - a.time) / (b.time - a.time), 0.0), 1.0)
-        joints = b.joints if a.joints is None or b.joints is None else (1 - share) * a.joints + share * b.joints
-        return State(time, (1 - share) * a.cable + share * b.cable, SE2.between(a.poses, b.poses, share), joints)
+        poses, last = reported.poses, self._shutter.last
+        if last is not None:
+            poses = SE2.continued(poses, last.poses) if np.isfinite(poses).all() else last.poses
+        self._shutter.note(State(now, truth.centreline, poses, truth.joints))
 
     def _seen(self, now: float, reported: Observation) -> Observation:
         """What is known at a time of the newest picture that has been looked at."""
         if self._lookout is not None:
             self._look_out(self._lookout, now)
-        config, newest = self._config, None
-        while (taken := self._frame / config.frame_rate) <= now - (config.latency if now else 0.0) + ROUNDING:
-            self._frame += 1
-            lost = self._rng.random() < config.drop_rate
-            if not lost or self._track is None:
-                newest = self._look(self._at(taken))
+        newest = None
+        for state in self._shutter.taken(now, self._rng):
+            newest = self._look(state)
         if not self._known[-1]:  # by the newest picture, be it of now or before
             n = len(reported.keypoints)
             return replace(reported, keypoints=np.full((n, 2), np.nan), confidence=np.zeros(n))
@@ -195,7 +177,7 @@ class SeenPlant:
     def _look_out(self, lookout: Lookout, now: float) -> None:
         """See what appeared on the table."""
         if lookout.is_due(now):
-            lookout.look(now, self._photographer.depths(self._at(now), self._of_depths))
+            lookout.look(now, self._photographer.depths(self._shutter.at(now), self._of_depths))
         if lookout.learn(now):
             self._seen_task = self._planned.in_scene(lookout.scene)
 
@@ -233,7 +215,13 @@ class SeenPlant:
         return bool(deviation.max() < LEAST_SURE and (room >= FREE * deviation)[deviation > SURE].all())
 
 
-def _shown_as(color: Color) -> CableColor:
+def _between(a: State, b: State, share: float, time: float) -> State:
+    """The state at a time, a share of the way from one to another."""
+    joints = b.joints if a.joints is None or b.joints is None else (1 - share) * a.joints + share * b.joints
+    return State(time, (1 - share) * a.cable + share * b.cable, SE2.between(a.poses, b.poses, share), joints)
+
+
+def shown_as(color: Color) -> CableColor:
     """How something of a colour, of which each part is from 0 to 1, looks in a picture."""
     r, g, b = (255 * part for part in color)
     return CableColor(color=(r, g, b))

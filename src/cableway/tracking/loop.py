@@ -14,7 +14,7 @@ from cableway.control.base import Controller, ControllerState
 from cableway.control.limits import last_filter
 from cableway.core.errors import CablewayError, ControlError, SimulationError, raised, said
 from cableway.estimation.delay import LONGEST_DELAY
-from cableway.estimation.gating import connected, poses_usable
+from cableway.estimation.gating import connected, is_blind, poses_usable
 from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
@@ -266,7 +266,7 @@ class Loop:
             return self._hold()
         if self.waits:
             return self._wait()
-        if self._is_blind:
+        if is_blind(self.observation):
             return self._stay()
         hold = partial(self._robot.stop, self.plant.task.grippers)
         answer = self.guard.step(self.state, self.observation, self._before, self._filtered, hold)
@@ -325,8 +325,9 @@ class Loop:
         keypoints = connected(self.observation.keypoints, self.guard.task.cable)
         self._lies = keypoints if np.isfinite(keypoints).all() else self._lies
         confidence, seen = self.observation.confidence, np.isfinite(self.observation.keypoints[:, 0])
-        if seen.any() or self._is_blind:  # where nothing came, what is doubted stays so
-            self._unsure = confidence is not None and (self._is_blind or bool((confidence[seen] < DOUBTED).any()))
+        blind = is_blind(self.observation)
+        if seen.any() or blind:  # where nothing came, what is doubted stays so
+            self._unsure = confidence is not None and (blind or bool((confidence[seen] < DOUBTED).any()))
 
     def _hold(self) -> Ending | None:
         """One control step in which the measured gripper poses become the target."""
@@ -350,16 +351,10 @@ class Loop:
         """See `StopRule.outcome`."""
         return self._rule.outcome(self.state, self.observation, missing, unsure=self._unsure)
 
-    @property
-    def _is_blind(self) -> bool:
-        """Whether no keypoint can be relied on, by whoever observes them: that none was observed is another matter."""
-        confidence = self.observation.confidence
-        return confidence is not None and not confidence.any()
-
     def _stay(self) -> Ending | None:
         """One control step without motion as long as the cable is not known; not for ever."""
         ending, missing = self.stand(BLIND), self._silence.lasting(self.time)
-        if ending is None and missing and self._is_blind:
+        if ending is None and missing and is_blind(self.observation):
             return Ending(Outcome.PLANT_FAILED, missing)
         return ending or self._over(missing)
 

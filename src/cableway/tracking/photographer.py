@@ -120,6 +120,10 @@ class EyesConfig(Checked):
             if stranger not in STRANGERS:
                 raise UnknownNameError("stranger", stranger, STRANGERS)
 
+    def is_dark(self, time: float) -> bool:
+        """Whether all cameras see nothing at a time [s]."""
+        return self.dark is not None and self.dark[0] <= time < self.dark[1]
+
 
 class State(NamedTuple):
     """What is to be seen at one time [s]."""
@@ -159,8 +163,7 @@ class Photographer:
         second = "cable" in config.strangers
         self._lying = [lying_cable(self._size, task.cable.radius, look.cable, config.seed)] if second else []
         self.cameras = tuple(camera_at(place, self._size, config.picture) for place in config.cameras)
-        place = (self._size[0] / 2 + LAMP[0], self._size[1] / 2 + LAMP[1], LAMP[2])
-        self._light = Light(position=place, ambient=config.ambient, shadows=SHADOWS if config.shadows else 0)
+        self._light = lamp(self._size, config)
 
     def shot(
         self, state: State, rng: np.random.Generator
@@ -182,10 +185,8 @@ class Photographer:
 
     def _taken(self, there: Mesh, time: float, rng: np.random.Generator) -> list[UInt8[np.ndarray, "h w 3"]]:
         """Of each camera the picture of what is there."""
-        if self._is_dark(time):
-            return [np.zeros((*self._config.picture[::-1], 3), np.uint8) for _ in self.cameras]
         seen = Mesh.joined([there, *self._strangers(time)])
-        return [self._exposed(seen, camera, rng) for camera in self.cameras]
+        return [taken(seen, camera, self._light, self._config, time, rng) for camera in self.cameras]
 
     def depths(self, state: State, rng: np.random.Generator) -> DepthViews:
         """What the cameras show of depths, with the errors of `DepthSensor`, where cable, hands and arms are known."""
@@ -194,7 +195,7 @@ class Photographer:
         for camera, sensor in zip(self.cameras, self._sensors, strict=True):
             shown = render(seen, camera.pinhole, self._light)
             depth = np.zeros(shown.depth.shape)
-            if not self._is_dark(state.time):
+            if not self._config.is_dark(state.time):
                 depth = measured(shown.depth, camera.pinhole.focal[0], sensor, rng)
             hands = np.isin(labels(there, camera.pinhole), (*GRIPPERS, *ARMS))
             views.append(depth_view(camera, depth, cable_mask(shown.color, ORANGE), hands))
@@ -203,10 +204,6 @@ class Photographer:
     def know(self, scene: Scene) -> None:
         """What is known to stand on the table from now on."""
         self._known = CellScene(self._task.in_scene(scene), self._way, self._look)
-
-    def _is_dark(self, time: float) -> bool:
-        dark = self._config.dark
-        return dark is not None and dark[0] <= time < dark[1]
 
     @staticmethod
     def _mesh(state: State, scene: CellScene) -> Mesh:
@@ -218,12 +215,23 @@ class Photographer:
         arm = reaching_arm(self._size, time, self._config.seed) if "arm" in self._config.strangers else None
         return self._lying + ([] if arm is None else [arm])
 
-    def _exposed(self, mesh: Mesh, camera: CalibratedCamera, rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
-        config = self._config
-        color = render(mesh, camera.pinhole, self._light).color.astype(np.float32)
-        if config.blur:
-            color = gaussian_filter(color, (config.blur, config.blur, 0))
-        color *= np.float32(config.exposure)
-        if config.noise:
-            color += np.float32(config.noise) * rng.standard_normal(color.shape, dtype=np.float32)
-        return np.clip(color, 0, 255).round().astype(np.uint8)
+
+def lamp(size: tuple[float, float], config: EyesConfig) -> Light:
+    """The light on a table of this size [m]."""
+    place = (size[0] / 2 + LAMP[0], size[1] / 2 + LAMP[1], LAMP[2])
+    return Light(position=place, ambient=config.ambient, shadows=SHADOWS if config.shadows else 0)
+
+
+def taken(
+    mesh: Mesh, camera: CalibratedCamera, light: Light, config: EyesConfig, time: float, rng: np.random.Generator
+) -> UInt8[np.ndarray, "h w 3"]:
+    """The picture that a camera takes of what is there at a time [s]."""
+    if config.is_dark(time):
+        return np.zeros((*config.picture[::-1], 3), np.uint8)
+    color = render(mesh, camera.pinhole, light).color.astype(np.float32)
+    if config.blur:
+        color = gaussian_filter(color, (config.blur, config.blur, 0))
+    color *= np.float32(config.exposure)
+    if config.noise:
+        color += np.float32(config.noise) * rng.standard_normal(color.shape, dtype=np.float32)
+    return np.clip(color, 0, 255).round().astype(np.uint8)

@@ -23,13 +23,15 @@ from cableway.control.spatial_following import SpatialFollower
 from cableway.core.errors import Cancelled, PlanningError, PlanningInterrupted, SimulationError, TaskError
 from cableway.core.provenance import versions
 from cableway.core.time_limit import checkpoint
+from cableway.estimation.gating import is_blind
 from cableway.geometry.spatial_convex import chain_distance
 from cableway.motion.spatial import SpatialProblem
 from cableway.outcome import Outcome
 from cableway.records import Measurement, Observation, Plan, Rollout
 from cableway.scene.spatial.task import SpatialTask
 from cableway.tracking.logbook import Log, OnRow
-from cableway.tracking.loop import BLOCKED
+from cableway.tracking.loop import BLIND, BLOCKED
+from cableway.tracking.robot import SILENT_CAMERA, UNSEEN
 from cableway.tracking.stopping import Ending
 
 SETTLING = (1.0, 5.0)
@@ -114,7 +116,7 @@ class _Run:
     ) -> None:  # fmt: skip
         self._plant, self._controller, self._replan = plant, controller, replan
         self._scene, self._state, self.log = task.scene, controller.init(task, plan), Log(on_row)
-        self._seen = plant.reset()
+        self._seen, self._known = plant.reset(), 0.0
         self.recovered: list[float] = []
 
     def followed(self) -> Ending:
@@ -125,6 +127,10 @@ class _Run:
             checkpoint()
             if (ending := self._look_round()) is not None:
                 return ending
+            if is_blind(self._seen):
+                if (ending := self._stay()) is not None:
+                    return ending
+                continue
             begun = time.perf_counter()
             action, self._state = controller.step(self._state, self._seen)
             seconds = time.perf_counter() - begun
@@ -144,7 +150,18 @@ class _Run:
             self._seen = self._plant.step(action)
         except SimulationError as error:
             return self.log.end_early(error)
+        if not is_blind(self._seen):
+            self._known = self._seen.time
         self.log.see(self._seen.time, self._seen, self._plant.measure(), self._reference)
+        return None
+
+    def _stay(self) -> Ending | None:
+        """One control step without motion, as it is not known where the cable is; not for ever."""
+        if (ending := self._acted(np.zeros((2, 6)), 0.0, BLIND)) is not None:
+            return ending
+        silent = self._seen.time - self._known
+        if silent >= SILENT_CAMERA and is_blind(self._seen):
+            return Ending(Outcome.PLANT_FAILED, f"{UNSEEN} for {silent:.3g} s")
         return None
 
     def _look_round(self) -> Ending | None:

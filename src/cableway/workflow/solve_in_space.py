@@ -17,6 +17,7 @@ from cableway.report import Report, rollout_figures
 from cableway.scene.spatial.task import SpatialTask
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.tracking import Row
+from cableway.tracking.photographer import EyesConfig
 from cableway.verification.record import require_verified
 from cableway.workflow.compilation import COMPILING
 from cableway.workflow.events import Finished, Listener, Note, OnEvent, Planned, Progress
@@ -36,6 +37,7 @@ class SpatialOptions:
         controller: One of `spatial_run.CONTROLLERS`, which leads the simulated cable along the plan; None for a plan
             alone.
         perturbation: How the simulated cable differs; not at all where None.
+        eyes: Cameras by which the controller knows the cable, by its markers; None where it gets the plant's keypoints.
         seed: Of everything random.
         time_limit: Time [s] after which the search for a plan ends.
         clock: What that is measured by; wall time where None.
@@ -44,6 +46,7 @@ class SpatialOptions:
     plan: Plan | Path | None = None
     controller: str | None = None
     perturbation: SpatialPerturbation | None = None
+    eyes: EyesConfig | None = None
     seed: int = 0
     time_limit: float = TIME_LIMIT
     clock: Callable[[], float] | None = None
@@ -144,8 +147,8 @@ def _followed(run: SpatialRun, options: SpatialOptions, listener: Listener) -> S
     assert run.plan is not None
     assert options.controller is not None
     rollout, verdict, outcome, failure = follow_in_space(
-        run.task, run.plan, controller=options.controller, perturbation=options.perturbation, seed=options.seed,
-        on_row=partial(_told, listener),
+        run.task, run.plan, controller=options.controller, perturbation=options.perturbation, eyes=options.eyes,
+        seed=options.seed, on_row=partial(_told, listener),
     )  # fmt: skip
     if rollout is None:
         return replace(run, report=replace(run.report, outcome=outcome, failure=failure))

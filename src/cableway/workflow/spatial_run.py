@@ -18,6 +18,8 @@ from cableway.records import Plan, Rollout, Verdict
 from cableway.scene.spatial.task import SpatialTask
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.tracking.logbook import OnRow
+from cableway.tracking.photographer import EyesConfig
+from cableway.tracking.spatial_eyes import SpatialSeenPlant
 from cableway.tracking.spatial_loop import track_in_space
 from cableway.verification.spatial_rollout import verify_spatial_rollout
 
@@ -39,6 +41,7 @@ def follow_in_space(
     *,
     controller: str = "rod-mpc",
     perturbation: SpatialPerturbation | None = None,
+    eyes: EyesConfig | None = None,
     seed: int = 0,
     on_row: OnRow | None = None,
 ) -> tuple[Rollout | None, Verdict | None, Outcome, str]:
@@ -49,6 +52,7 @@ def follow_in_space(
         plan: Its plan.
         controller: One of `CONTROLLERS`.
         perturbation: How the cable differs; not at all where None.
+        eyes: Cameras by which the controller knows the cable; None where it gets the plant's keypoints.
         seed: Of the noise.
         on_row: Told of each row as it comes; the run ends where it raises `Cancelled`.
 
@@ -58,7 +62,8 @@ def follow_in_space(
 
     Raises:
         UnknownNameError: There is no such controller.
-        InputError: The task has a cell, or obstacles cannot be where the perturbation has them.
+        InputError: The task has a cell, obstacles cannot be where the perturbation has them, or the cameras are to see
+            what they cannot in space.
         MissingExtraError: Coal, which the judge needs, is not installed.
     """
     if controller not in CONTROLLERS:
@@ -69,8 +74,10 @@ def follow_in_space(
         plant = perturbation.build(task, seed)
     except SimulationError as error:
         return None, None, Outcome.PLANT_FAILED, f"the plant cannot start: {error}"
-    rollout = track_in_space(task, plant, leading, plan, partial(_planned_anew, seed), on_row)
+    seen = None if eyes is None else SpatialSeenPlant(plant, eyes, perturbation.true_task(task).scene)
+    rollout = track_in_space(task, seen or plant, leading, plan, partial(_planned_anew, seed), on_row)
     made_by = {
+        **({} if seen is None else {"eyes": seen.record()}),
         "seed": seed,
         "controller": controller,
         "another_start": perturbation.another_start,
