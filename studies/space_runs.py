@@ -5,8 +5,9 @@
 Each task is planned with a time limit of 30 s of processor time. Its plan is led open loop, by grippers without lag, on
 the nominal cable of the plant in MuJoCo; then by each controller on a cable of `SpatialPerturbation.drawn`: up to 2%
 longer or shorter, 30% stiffer or less stiff, held up to 3 mm and 5 degrees askew, seen with 1 mm of noise and 0.1 s
-late. Results are kept in the folder, so that an interrupted study goes on, with the runs that were asked for then.
-Prints Markdown; tasks without a plan count.
+late. "seen-by-three" and "seen-by-two" are rod-mpc on such a cable by the markers in pictures of cameras, above, front
+and back, or the first two of these, alone. Results are kept in the folder, so that an interrupted study goes on, with
+the runs that were asked for then. Prints Markdown; tasks without a plan count.
 """
 
 from __future__ import annotations
@@ -28,12 +29,17 @@ from cableway.planning.planner import plan
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.simulation.spatial_plant import SpatialConfig
 from cableway.tasks.space.generation import SPATIAL_KINDS, random_spatial_task
+from cableway.tracking.photographer import EyesConfig
+from cableway.tracking.spatial_eyes import SETUP
 from cableway.workflow.spatial_run import CONTROLLERS, follow_in_space
 
 LIMIT = 30.0
 """Processor time [s] of a search."""
 
-RUNS = ("nominal", *CONTROLLERS)
+SEEN = {"seen-by-three": ("above", "front", "back"), "seen-by-two": ("above", "front")}
+"""Runs by pictures, and where their cameras stand."""
+
+RUNS = ("nominal", *CONTROLLERS, *SEEN)
 
 
 def runs_of(kind: str, seed: int, body: str | None, runs: Sequence[str]) -> dict[str, Any]:
@@ -47,9 +53,11 @@ def runs_of(kind: str, seed: int, body: str | None, runs: Sequence[str]) -> dict
     exact = SpatialPerturbation(config=SpatialConfig(servo_time=0.0))
     cases = {"nominal": ("open-loop", exact)}
     cases |= {name: (name, SpatialPerturbation.drawn(task, seed)) for name in CONTROLLERS}
+    cases |= {name: ("rod-mpc", SpatialPerturbation.drawn(task, seed)) for name in SEEN}
     for name, (controller, perturbation) in ((name, cases[name]) for name in runs):
+        eyes = EyesConfig(cameras=SEEN[name], tracker="markers", seed=seed, **SETUP) if name in SEEN else None
         rollout, _, outcome, why = follow_in_space(
-            task, made, controller=controller, perturbation=perturbation, seed=seed
+            task, made, controller=controller, perturbation=perturbation, eyes=eyes, seed=seed
         )
         found[name] = {"outcome": str(outcome), "why": why}
         if rollout is not None:
@@ -57,11 +65,13 @@ def runs_of(kind: str, seed: int, body: str | None, runs: Sequence[str]) -> dict
                 "error": rollout.shape_error(task.keypoints("goal")),
                 "deviation": float(rollout.deviations_from_reference.max()),
                 "clearance": rollout.least_clearance,
+                "eyes": rollout.metadata.get("eyes"),
             }
     return found
 
 
-TITLES = ("kind", "run", "tasks", "success [%]", "contacts", "error [mm]", "deviation [mm]", "clearance [mm]")
+TITLES = ("kind", "run", "tasks", "success [%]", "contacts", "error [mm]", "deviation [mm]", "clearance [mm]",
+          "seen, mean and p99 [mm]", "known [%]", "markers hidden [%]")  # fmt: skip
 
 
 def line(kind: str, name: str, rows: list[dict[str, Any]]) -> tuple[str, ...]:
@@ -80,7 +90,20 @@ def line(kind: str, name: str, rows: list[dict[str, Any]]) -> tuple[str, ...]:
         worst = values.min() if what == "clearance" else values.max()
         tail = np.percentile(values, 5 if what == "clearance" else 95)
         cells.append(f"{np.median(values):.1f} / {tail:.1f} / {worst:.1f}")
-    return (kind, name, f"{len(rows)}", *cells)
+    return (kind, name, f"{len(rows)}", *cells, *seen([run["eyes"] for run in runs if run.get("eyes")]))
+
+
+def seen(eyes: list[dict[str, Any]]) -> tuple[str, str, str]:
+    """Median and worst of runs by pictures: errors of keypoints where they are known, and shares."""
+    if not eyes:
+        return ("-", "-", "-")
+    mean, p99 = ([1000 * each[what] for each in eyes if each[what]] for what in ("mean_error", "p99_error"))
+    known, hidden = ([100 * each[what] for each in eyes] for what in ("known", "hidden"))
+    return (
+        f"{np.median(mean):.2f} / {max(mean):.2f}, {np.median(p99):.2f} / {max(p99):.2f}",
+        f"{np.median(known):.0f} / {min(known):.0f}",
+        f"{np.median(hidden):.0f} / {max(hidden):.0f}",
+    )
 
 
 def main() -> None:

@@ -77,7 +77,7 @@ def test_a_cable_is_planned_led_and_checked_in_space(cableway: Command, tmp_path
     ("given", "words"),
     [
         (("--plant", "package.module:Mine"), "in space the plant is the simulated one; give a YAML file"),
-        (("--cell", "dual-ur5e", "--camera", "front"), "no --camera, --cell yet"),
+        (("--cell", "dual-ur5e", "--camera", "front", "--depth"), "no --depth, --cell yet"),
         (("--controller", "broyden"), "open-loop, rod-jacobian, rod-mpc"),
     ],
 )
