@@ -75,6 +75,30 @@ def grippers(path: Path) -> Path:
     return path
 
 
+def test_what_was_there_before_is_not_the_cable(cableway: Command, film: Path, tmp_path: Path):
+    """Another cable lies beside it: with a picture of that alone the cable is found where it is."""
+    empty = np.full_like(taken(0, "above"), 220)
+    for path in sorted(film.iterdir()):
+        image = cv2.imread(str(path))
+        assert image is not None
+        image[100:400, 500:505] = empty[100:400, 500:505] = (13, 89, 217)
+        cv2.imwrite(str(path), image)
+    cv2.imwrite(str(tmp_path / "empty.png"), empty)
+    found = {}
+    for name, more in {"with": ("--background", "empty.png"), "without": ()}.items():
+        options = ("--calibration", "camera.json", "--color", "217,89,13", "--out", name, *more)
+        cableway("see", str(film), *options)
+        rows = np.genfromtxt(tmp_path / name / "keypoints.csv", delimiter=",", skip_header=1)[:, 1:27]
+        found[name] = rows.reshape(STEPS, 13, 2)
+    true = CABLE.rod.at_keypoints(shape(0)[None])[0]
+
+    def off(keypoints: np.ndarray) -> float:
+        return float(np.nanmax(np.linalg.norm(keypoints[0][:, None] - true, axis=2).min(axis=1)))
+
+    assert off(found["with"]) < 0.02
+    assert not off(found["without"]) < 0.02, "the other one is taken for it"
+
+
 @pytest.mark.parametrize("by_grippers", [False, True])
 def test_keypoints_of_a_film_are_a_recording(cableway: Command, tmp_path: Path, film: Path, by_grippers: bool):
     """To 1 mm with gripper poses; by the pixels alone, ends in shadow are cut by a little."""

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from cableway.perception.segmentation import CableColor, cable_mask
+from cableway.core.errors import InputError
+from cableway.perception.segmentation import CableColor, cable_mask, changed
 
 ORANGE = CableColor(color=(217, 89, 13))
 
@@ -43,3 +44,18 @@ def test_a_background_of_nearly_its_colour_is_none_of_it():
 
 def test_a_black_picture_has_no_cable():
     assert not cable_mask(np.zeros((60, 80, 3), np.uint8), ORANGE).any()
+
+
+def test_a_grey_cable_on_a_grey_table_is_what_has_changed():
+    rng = np.random.default_rng(0)
+    empty = np.full((60, 80, 3), 120.0) + 5 * rng.standard_normal((60, 80, 3))
+    image = empty + 5 * rng.standard_normal(empty.shape)
+    image[20:26] += 45.0
+    found = changed(*(np.clip(each, 0, 255).astype(np.uint8) for each in (1.2 * image, empty)))
+    assert found[20:26].mean() > 0.95
+    assert np.delete(found, slice(20, 26), axis=0).mean() < 0.01
+
+
+def test_a_background_of_another_size_is_refused():
+    with pytest.raises(InputError, match="must be of one size, got 8 x 6 and 6 x 8 pixels"):
+        changed(np.zeros((6, 8, 3), np.uint8), np.zeros((8, 6, 3), np.uint8))

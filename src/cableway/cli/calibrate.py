@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 CAMERA = "camera.json"
 """What it leaves."""
 
-MOST = 160
+MOST = 320
 """Pictures of a film that count: the sharpest ones of as many equal parts of it."""
 
 MOST_ON_TABLE = 20

@@ -53,6 +53,10 @@ class See(Options):
     file or a folder with one for each of its pictures. By default, that is not known, and a table seen where the cable
     should be does not count against what was found."""
 
+    background: Annotated[str | None, option(metavar="EMPTY.png")] = None
+    """The same place without the cable, a picture for each camera: what is in it is not the cable, whatever its colour.
+    By default, all of this colour may be."""
+
     task: Maybe[str] = None
     """A task with this cable; by default, a cable of 0.3 m with 13 keypoints. With --depth, a task on this table: what
     is found takes the place of its obstacles."""
@@ -99,7 +103,7 @@ class See(Options):
             raise InputError("--cable-color needs --tracker markers; without, --color is that of the cable")
         self._check_depth()
         count = len(self.source.split(","))
-        for name in ("calibration", "hides", "depth"):
+        for name in ("calibration", "hides", "background", "depth"):
             given = getattr(self, name)
             if given is not None and len(given.split(",")) != count:
                 raise InputError(f"--{name} must be one for each of {count} sources, got {given}")
@@ -118,7 +122,7 @@ class See(Options):
             return
         if self.task is None:
             raise InputError("--depth needs --task: the task whose obstacles are to be those on the table")
-        for name in ("grippers", "tracker", "rate", "seconds", "live"):
+        for name in ("background", "grippers", "tracker", "rate", "seconds", "live"):
             if getattr(self, name) != getattr(type(self), name):
                 raise InputError(f"--{name}: does not go with --depth, by which no cable is followed")
 
@@ -185,7 +189,7 @@ class See(Options):
             InputError: The sources have different numbers of pictures per second.
         """
         from cableway.perception.calibration_file import load_camera
-        from cableway.perception.capture import frames, rate_of
+        from cableway.perception.capture import frames, picture, rate_of
         from cableway.workflow.seeing import Eye, masks
 
         sources, eyes = self.source.split(","), list[Eye]()
@@ -193,12 +197,14 @@ class See(Options):
         if len(set(rates)) > 1:
             shown = " and ".join(f"{rate:g}" for rate in rates)
             raise InputError(f"SOURCE: all cameras must take as many pictures per second, got {shown} in {self.source}")
-        hides, most = [None] * len(sources) if self.hides is None else self.hides.split(","), self.seconds
-        for source, calibration, hiding in zip(sources, self.calibration.split(","), hides, strict=True):
+        nothing, most = ",".join([""] * len(sources)), self.seconds
+        given = [(each or nothing).split(",") for each in (self.calibration, self.hides, self.background)]
+        for source, calibration, hiding, empty in zip(sources, *given, strict=True):
             camera, pictures = load_camera(calibration), frames(source, rates[0])
             if most is not None:
                 pictures = takewhile(lambda frame: frame.time <= most, pictures)
-            eyes.append(Eye(camera, pictures, None if hiding is None else masks(hiding, rates[0])))
+            hides = masks(hiding, rates[0]) if hiding else None
+            eyes.append(Eye(camera, pictures, hides, picture(Path(empty)) if empty else None))
         return eyes, rates[0]
 
 

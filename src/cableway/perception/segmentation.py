@@ -1,4 +1,5 @@
-"""Segmentation: which pixels of a picture belong to the cable and to its markers, by colour."""
+"""Segmentation: which pixels of a picture belong to the cable and to its markers, by colour, and what has changed since
+a picture without them."""
 
 from __future__ import annotations
 
@@ -14,6 +15,10 @@ from cableway.core.errors import InputError
 from cableway.perception import kernels
 from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.views import View
+
+CHANGED = 30.0
+"""Distance between colours, each part from 0 to 255, from which on a pixel has changed: six times the noise of a dim
+picture."""
 
 SPARSE = 8
 """Of how many pixels each way one is asked for the background."""
@@ -79,12 +84,39 @@ def cable_mask(image: UInt8[np.ndarray, "h w 3"], color: CableColor) -> Bool[np.
     return mask
 
 
+def changed(
+    image: UInt8[np.ndarray, "h w 3"], background: UInt8[np.ndarray, "h w 3"], least: float = CHANGED
+) -> Bool[np.ndarray, "h w"]:
+    """The pixels of a picture (red, green, blue) that differ from one of the same place without the cable.
+
+    Where all of the picture is brighter or darker, as by exposure, that is taken out. A shadow is a change.
+
+    >>> empty = np.full((8, 8, 3), 200, np.uint8)
+    >>> image = empty // 2
+    >>> image[2, 3] = (110, 30, 5)
+    >>> np.argwhere(changed(image, empty)).tolist()
+    [[2, 3]]
+
+    Raises:
+        InputError: The pictures differ in size.
+    """
+    if image.shape != background.shape:
+        got = " and ".join(" x ".join(map(str, each.shape[1::-1])) for each in (image, background))
+        raise InputError(f"a picture and its background must be of one size, got {got} pixels")
+    before = background.astype(np.float32)
+    sparse = (slice(None, None, SPARSE), slice(None, None, SPARSE))
+    gain = np.median(image[sparse] / np.maximum(before[sparse], 1.0), axis=(0, 1))
+    away = image - np.minimum(gain.astype(np.float32) * before, 255.0)
+    return np.sum(away * away, axis=2) > least**2
+
+
 def view_of(
     camera: CalibratedCamera,
     image: UInt8[np.ndarray, "h w 3"],
     hiding: Bool[np.ndarray, "h w"] | None,
     color: CableColor,
     marker: CableColor | None = None,
+    background: UInt8[np.ndarray, "h w 3"] | None = None,
 ) -> View:
     """What a picture (red, green, blue) shows of a cable.
 
@@ -94,8 +126,13 @@ def view_of(
         hiding: Which pixels may show something that hides the cable; None where that is not known.
         color: Of the cable.
         marker: Of the markers on it, where they are told apart from it.
+        background: A picture without the cable: what was there before is not the cable, whatever its colour.
 
     Raises:
         InputError: A mask is not as large as the camera's picture.
     """
-    return View(camera, cable_mask(image, color), hiding, None if marker is None else cable_mask(image, marker))
+    mask, marks = cable_mask(image, color), None if marker is None else cable_mask(image, marker)
+    if background is not None:
+        new = changed(image, background)
+        mask, marks = mask & new, None if marks is None else marks & new
+    return View(camera, mask, hiding, marks)

@@ -37,11 +37,14 @@ class Eye:
         frames: Its pictures.
         hides: With each picture, which pixels may show something that hides the cable; None where that is not known.
             Where it is, a table seen where the rod claims to be counts against the rod.
+        background: A picture without the cable, whatever of its colour is in that is not the cable; None where there is
+            none.
     """
 
     camera: CalibratedCamera
     frames: Iterable[Frame]
     hides: Iterable[Bool[np.ndarray, "h w"]] | None = None
+    background: UInt8[np.ndarray, "h w 3"] | None = None
 
     def shots(self) -> Iterator[tuple[Frame, Bool[np.ndarray, "h w"] | None]]:
         """Pictures with what hides the cable in them, until either ends.
@@ -51,7 +54,10 @@ class Eye:
         """
         width, height = self.camera.pinhole.size
         for frame, hides in zip(self.frames, repeat(None) if self.hides is None else self.hides, strict=False):
-            for what, array in (("a picture", frame.image), ("a mask of what hides the cable", hides)):
+            arrays = {
+                "a picture": frame.image, "a mask of what hides the cable": hides, "a background": self.background
+            }  # fmt: skip
+            for what, array in arrays.items():
                 if array is not None and array.shape[:2] != (height, width):
                     got = " x ".join(map(str, array.shape[1::-1]))
                     raise InputError(f"{what} is {got} pixels, and those of the calibration are {width} x {height}")
@@ -159,7 +165,8 @@ def see(
     before: np.ndarray | None = None
     for shots in zip(*(eye.shots() for eye in eyes), strict=False):
         views = [
-            view_of(eye.camera, frame.image, hides, *colors) for eye, (frame, hides) in zip(eyes, shots, strict=True)
+            view_of(eye.camera, frame.image, hides, *colors, background=eye.background)
+            for eye, (frame, hides) in zip(eyes, shots, strict=True)
         ]
         time, images = shots[0][0].time, tuple(frame.image for frame, _ in shots)
         if grippers is None:
