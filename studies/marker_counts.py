@@ -103,7 +103,7 @@ def main() -> None:
                 )
         found.append(dict(np.load(file)))
         print(seed, flush=True)
-    print(f"\n{len(found)} sequences, {sum(len(each['one above 1 known']) for each in found)} frames\n")
+    print(f"\n{len(found)} sequences, {sum(len(each[f'{next(iter(SETUPS))} none known']) for each in found)} frames\n")
     table("cameras", "markers", "error, mean, p99, worst [mm]", "across the cable [mm]", "90% intervals cover [%]",
           "known [%]")  # fmt: skip
     for name in SETUPS:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
+import marker_counts
 import models
+import numpy as np
+import perception
 import printed_page
 import survey
 
@@ -18,6 +21,31 @@ def test_what_stands_on_the_table_is_surveyed(tmp_path, monkeypatch, capsys):
     survey.main()
     ((head, row),) = printed_page.tables(capsys.readouterr().out)
     assert dict(zip(head, row, strict=True))["missed"] == "0"
+
+
+def test_a_cable_that_is_shoved_into_a_gripper_is_not_off_at_equal_distances():
+    """Its marks are 5 mm farther along its curve than the ones that are found; both curves are the same."""
+    along = np.linspace(0.0, 0.3, 301)
+    curve = np.column_stack([along, 0.05 * np.sin(along / 0.1)])
+    poses = np.array([[*curve[5], 0.0], [*curve[-6], 0.0]])
+    marks = perception.resampled(curve, 13)
+    found = perception.between(curve, poses, 13)
+    off = perception.off(found, marks, curve, poses)
+    assert off["error"].max() > 0.004
+    assert off["equal"].max() < 2e-4
+    beside = perception.off(found + [0.0, 0.003], marks, curve, poses)
+    assert 0.001 < beside["equal"].mean() < 0.004
+
+
+def test_markers_are_left_out(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(marker_counts, "SETUPS", {"one above": (0,)})
+    monkeypatch.setattr(marker_counts, "MARKED", {"none": (), "11": tuple(range(1, 12))})
+    given = f"marker_counts.py --first 6301 --count 1 --every 40 --out {tmp_path}"
+    monkeypatch.setattr(sys, "argv", given.split())
+    marker_counts.main()
+    ((head, none, eleven),) = printed_page.tables(capsys.readouterr().out)
+    without, by_all = (float(row[head.index("error, mean, p99, worst [mm]")].split(",")[0]) for row in (none, eleven))
+    assert by_all < without
 
 
 def test_models_are_collected_for_trained_and_compared(tmp_path, monkeypatch, capsys):

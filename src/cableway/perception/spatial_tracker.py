@@ -188,7 +188,7 @@ class SpatialTracker:
         before = _led(track, poses)
         estimate, guess = self._begun(track.estimate, poses, before)
         if guess is None:
-            return self._lost(track, poses, time)
+            return self._lost(track, poses, before, time)
         known, rays = estimate, list[_Rays]()
         marks = [self._marks(view, guess.keypoints) for view in views]
         for _ in range(PASSES):
@@ -300,13 +300,15 @@ class SpatialTracker:
         )
 
     def _lost(
-        self, track: SpatialTrack, poses: Float[np.ndarray, "2 7"], time: float
+        self, track: SpatialTrack, poses: Float[np.ndarray, "2 7"], before: Float[np.ndarray, "n 3"], time: float
     ) -> tuple[SpatialTrack, SpatialSighting]:
         """Where no rod of this length can be held by these grippers."""
         n = self._cable.keypoints
         observation = Observation(time, np.full((n, 3), np.nan), poses, taken=time, confidence=np.zeros(n))
         nothing = (np.full((n, 3, 3), np.inf), np.zeros(n, int), 1.0, 1.0, 0.0)
-        return replace(track, poses=poses), SpatialSighting(observation, *nothing, explained=False, known=False)
+        return replace(track, poses=poses, keypoints=before), SpatialSighting(
+            observation, *nothing, explained=False, known=False
+        )
 
 
 def _led(track: SpatialTrack, poses: Float[np.ndarray, "2 7"]) -> Float[np.ndarray, "n 3"]:
