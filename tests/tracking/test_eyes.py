@@ -21,6 +21,7 @@ from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Disc
 from cableway.tracking import track
 from cableway.tracking.eyes import EyesConfig, SeenPlant
+from cableway.tracking.lens import Lens
 from cableway.tracking.loop import BLIND
 from cableway.tracking.photographer import Photographer, State
 from cableway.tracking.stopping import StopRule, TrackConfig
@@ -146,6 +147,35 @@ def shot(**config) -> tuple[np.ndarray, np.ndarray]:
     given = {"cameras": ("above",), "noise": 0.0, "seed": 1} | config
     state = State(3.0, PLAN.shapes[0], PLAN.poses[0], None)
     return Photographer(TASK, None, EyesConfig(**given)).shot(state, np.random.default_rng(0))[0]
+
+
+@pytest.mark.parametrize("tracker", ["rod", "markers"])
+@pytest.mark.parametrize("lens", [(-0.3, 0.1, 0.001, -0.002, 0.0), (0.25, 0.0, 0.0, 0.0, 0.0)])
+def test_through_a_lens_that_distorts_the_cable_is_where_it_is(lens: tuple, tracker: str):
+    plant = seen_plant(tracker=tracker, noise=5.0, blur=0.7, latency=0.0, distortion=lens)
+    seen = plant.reset()
+    assert np.linalg.norm(seen.keypoints - plant.measure().keypoints, axis=1).max() < 0.0015
+    assert plant.record()["known"] == 1.0
+
+
+def test_a_lens_shows_points_where_its_camera_projects_them():
+    """A picture whose colours are their own places: red is u, green v."""
+    camera = EyesConfig(distortion=(-0.4, 0.1, 0.003, 0.002, 0.0)).camera("front", (0.7, 0.7))
+    lens = Lens(camera)
+    width, height = lens.pinhole.size
+    assert width > 640, "it sees more than without distortion"
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    seen = lens.through(np.stack([u, v], axis=-1).astype(float))
+    points = np.array([[x, y, 0.05] for x in (0.1, 0.35, 0.6) for y in (0.1, 0.35, 0.6)])
+    there, _ = camera.project(points)
+    without, _ = lens.pinhole.project(points)
+    assert np.abs(there - (without - (np.array([width, height]) - (640, 480)) / 2)).max() > 1.0, "it distorts"
+    for (column, row), wanted in zip(there.round().astype(int), without, strict=True):
+        assert np.abs(seen[row, column] - wanted).max() < 1.0
+    near = lens.through((u < width // 2).astype(bool))
+    assert near.dtype == bool
+    assert near[:, 0].all()
+    assert not near[:, -1].any()
 
 
 def test_markers_are_painted_and_found_again():

@@ -34,7 +34,10 @@ PLANTS = tuple(name for name in VARIANTS if name != "drawn")
 
 CAMERAS = {
     "none": (),
-    **{", ".join(places): places for places in (("front", "back"), ("left", "right"), ("above",), ("front",))},
+    **{
+        ", ".join(places): places
+        for places in (("above", "back"), ("front", "back"), ("left", "right"), ("above",), ("front",))
+    },
 }
 """Cameras to choose from, by what they are called."""
 

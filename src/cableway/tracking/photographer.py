@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 
 from cableway.core.checks import Bounds, Checked, Choice, NotNegative, Positive, Share, shown
 from cableway.core.errors import InputError, UnknownNameError
-from cableway.perception.calibration import CalibratedCamera
+from cableway.perception.calibration import NONE, CalibratedCamera
 from cableway.perception.depth import DepthView
 from cableway.perception.markers import Tracker
 from cableway.perception.placement import camera_at
@@ -26,6 +26,7 @@ from cableway.rendering.strangers import lying_cable, reaching_arm
 from cableway.scene.cell import Way
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
+from cableway.tracking.lens import Lens
 
 LOOK = Look(
     table=(0.88, 0.88, 0.88),
@@ -79,6 +80,7 @@ class EyesConfig(Checked):
             person's arm over it.
         depth: Whether they give depths, too, by which the controller knows what stands on the table: what the task has,
             and what appears there, and nothing else of the scene.
+        distortion: k1, k2, p1, p2, k3 of their lenses, see `CalibratedCamera`; the tracker knows them.
         picture: Width and height of a picture [pixels].
         seed: Of noise, lost pictures and strangers.
 
@@ -101,6 +103,7 @@ class EyesConfig(Checked):
     alike: bool = False
     strangers: tuple[str, ...] = ()
     depth: bool = False
+    distortion: tuple[float, float, float, float, float] = NONE
     picture: tuple[int, int] = PICTURE
     seed: Annotated[int, Bounds(0)] = 0
 
@@ -108,10 +111,10 @@ class EyesConfig(Checked):
         super().__post_init__()
         if not self.cameras or len(set(self.cameras)) < len(self.cameras):
             raise InputError(f"cameras must be one or more places, each once, got {list(self.cameras)}")
-        for place in self.cameras:
-            camera_at(place, (1.0, 1.0))
         if len(self.picture) != 2 or not all(isinstance(side, int) and 8 <= side <= 4096 for side in self.picture):
             raise InputError(f"picture must be width and height, from 8 to 4096 pixels, got {shown(self.picture)}")
+        for place in self.cameras:
+            self.camera(place, (1.0, 1.0))
         if self.dark is not None and not 0 <= self.dark[0] <= self.dark[1] < math.inf:
             raise InputError(f"dark must be a begin and an end in seconds, got {list(self.dark)}")
         if self.tint is not None and (len(self.tint) != 3 or not all(0 <= part <= 1 for part in self.tint)):
@@ -119,6 +122,10 @@ class EyesConfig(Checked):
         for stranger in self.strangers:
             if stranger not in STRANGERS:
                 raise UnknownNameError("stranger", stranger, STRANGERS)
+
+    def camera(self, place: str, workspace: tuple[float, float], height: float = 0.0) -> CalibratedCamera:
+        """The camera at a place, see `camera_at`."""
+        return replace(camera_at(place, workspace, self.picture, height), distortion=self.distortion)
 
     def is_dark(self, time: float) -> bool:
         """Whether all cameras see nothing at a time [s]."""
@@ -162,7 +169,8 @@ class Photographer:
         self._sensors = [DepthSensor().drawn(sensors) for _ in config.cameras]
         second = "cable" in config.strangers
         self._lying = [lying_cable(self._size, task.cable.radius, look.cable, config.seed)] if second else []
-        self.cameras = tuple(camera_at(place, self._size, config.picture) for place in config.cameras)
+        self.cameras = tuple(config.camera(place, self._size) for place in config.cameras)
+        self._lenses = [Lens(camera) for camera in self.cameras]
         self._light = lamp(self._size, config)
 
     def shot(
@@ -175,8 +183,8 @@ class Photographer:
         known = there if self._known is self._scene else self._mesh(state, self._known)
         bare = known.where(known.labels != Label.CABLE)
         return [
-            (picture, labels(bare, camera.pinhole) > Label.TABLE)
-            for picture, camera in zip(self._taken(there, state.time, rng), self.cameras, strict=True)
+            (picture, lens.through(labels(bare, lens.pinhole)) > Label.TABLE)
+            for picture, lens in zip(self._taken(there, state.time, rng), self._lenses, strict=True)
         ]
 
     def pictures(self, state: State, rng: np.random.Generator) -> list[UInt8[np.ndarray, "h w 3"]]:
@@ -186,19 +194,19 @@ class Photographer:
     def _taken(self, there: Mesh, time: float, rng: np.random.Generator) -> list[UInt8[np.ndarray, "h w 3"]]:
         """Of each camera the picture of what is there."""
         seen = Mesh.joined([there, *self._strangers(time)])
-        return [taken(seen, camera, self._light, self._config, time, rng) for camera in self.cameras]
+        return [taken(seen, lens, self._light, self._config, time, rng) for lens in self._lenses]
 
     def depths(self, state: State, rng: np.random.Generator) -> DepthViews:
         """What the cameras show of depths, with the errors of `DepthSensor`, where cable, hands and arms are known."""
         there = self._mesh(state, self._scene)
         seen, views = Mesh.joined([there, *self._strangers(state.time)]), DepthViews()
-        for camera, sensor in zip(self.cameras, self._sensors, strict=True):
-            shown = render(seen, camera.pinhole, self._light)
+        for lens, sensor in zip(self._lenses, self._sensors, strict=True):
+            camera, shown = lens.camera, render(seen, lens.pinhole, self._light)
             depth = np.zeros(shown.depth.shape)
             if not self._config.is_dark(state.time):
                 depth = measured(shown.depth, camera.pinhole.focal[0], sensor, rng)
-            hands = np.isin(labels(there, camera.pinhole), (*GRIPPERS, *ARMS))
-            views.append(depth_view(camera, depth, cable_mask(shown.color, ORANGE), hands))
+            hands, cable = np.isin(labels(there, lens.pinhole), (*GRIPPERS, *ARMS)), cable_mask(shown.color, ORANGE)
+            views.append(depth_view(camera, lens.nearest(depth), lens.through(cable), lens.through(hands)))
         return views
 
     def know(self, scene: Scene) -> None:
@@ -223,12 +231,12 @@ def lamp(size: tuple[float, float], config: EyesConfig) -> Light:
 
 
 def taken(
-    mesh: Mesh, camera: CalibratedCamera, light: Light, config: EyesConfig, time: float, rng: np.random.Generator
+    mesh: Mesh, lens: Lens, light: Light, config: EyesConfig, time: float, rng: np.random.Generator
 ) -> UInt8[np.ndarray, "h w 3"]:
     """The picture that a camera takes of what is there at a time [s]."""
     if config.is_dark(time):
         return np.zeros((*config.picture[::-1], 3), np.uint8)
-    color = render(mesh, camera.pinhole, light).color.astype(np.float32)
+    color = lens.through(render(mesh, lens.pinhole, light).color.astype(np.float32))
     if config.blur:
         color = gaussian_filter(color, (config.blur, config.blur, 0))
     color *= np.float32(config.exposure)

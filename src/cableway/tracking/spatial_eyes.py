@@ -17,7 +17,6 @@ from cableway.core.errors import InputError
 from cableway.core.provenance import describe
 from cableway.geometry import polyline
 from cableway.geometry.groups import SE3
-from cableway.perception.placement import camera_at
 from cableway.perception.segmentation import view_of
 from cableway.perception.spatial_tracker import SpatialSighting, SpatialTrack, SpatialTracker
 from cableway.records import Measurement, Observation
@@ -28,6 +27,7 @@ from cableway.rendering.space import CABLE, TABLE, body_mesh, cable_mesh, scene_
 from cableway.scene.spatial.scene import SpatialScene
 from cableway.scene.spatial.task import SpatialTask
 from cableway.tracking.eyes import shown_as
+from cableway.tracking.lens import Lens
 from cableway.tracking.photographer import LOOK, MARKER, EyesConfig, lamp, taken
 from cableway.tracking.shutter import Shutter
 from cableway.tracking.spatial_loop import SpatialPlantLike
@@ -64,7 +64,8 @@ class SpatialPhotographer:
             raise InputError("in space cameras give no depths, and see no strangers and nothing of the cable's colour")
         x, y, height = task.scene.size
         self._task, self._config = task, config
-        self.cameras = tuple(camera_at(place, (x, y), config.picture, height) for place in config.cameras)
+        self.cameras = tuple(config.camera(place, (x, y), height) for place in config.cameras)
+        self._lenses = [Lens(camera) for camera in self.cameras]
         self._light = lamp((x, y), config)
         self._known = scene_mesh(task.scene, LOOK.table, LOOK.obstacle)
         self._still = self._known if actual is None else scene_mesh(actual, LOOK.table, LOOK.obstacle)
@@ -81,10 +82,10 @@ class SpatialPhotographer:
         there, bare = Mesh.joined([self._still, *hands, *self._cable(state.cable)]), Mesh.joined([self._known, *hands])
         return [
             (
-                taken(there, camera, self._light, self._config, state.time, rng),
-                labels(bare, camera.pinhole) > TABLE,
+                taken(there, lens, self._light, self._config, state.time, rng),
+                lens.through(labels(bare, lens.pinhole)) > TABLE,
             )
-            for camera in self.cameras
+            for lens in self._lenses
         ]
 
     def _cable(self, line: Float[np.ndarray, "m 3"]) -> list[Mesh]:
