@@ -151,7 +151,7 @@ def test_an_obstacle_is_dragged_and_planned_for_and_the_plan_scrubbed(studio: St
     until(lambda: patch(page, cable).max(axis=1).min() < 215, page)
     page.get_by_role("tab", name="Run").click()
     page.get_by_label("Cameras").first.click()
-    page.get_by_role("option", name="above").click()
+    page.get_by_role("option", name="above", exact=True).click()
     page.get_by_role("button", name="Run").click()
 
     def running() -> Any:

@@ -23,7 +23,7 @@ from cableway.tracking import track
 from cableway.tracking.eyes import EyesConfig, SeenPlant
 from cableway.tracking.lens import Lens
 from cableway.tracking.loop import BLIND
-from cableway.tracking.photographer import Photographer, State
+from cableway.tracking.photographer import Photographer, State, camera_of
 from cableway.tracking.stopping import StopRule, TrackConfig
 from cableway.workflow.run import SolveOptions
 
@@ -160,7 +160,7 @@ def test_through_a_lens_that_distorts_the_cable_is_where_it_is(lens: tuple, trac
 
 def test_a_lens_shows_points_where_its_camera_projects_them():
     """A picture whose colours are their own places: red is u, green v."""
-    camera = EyesConfig(distortion=(-0.4, 0.1, 0.003, 0.002, 0.0)).camera("front", (0.7, 0.7))
+    camera = camera_of(EyesConfig(distortion=(-0.4, 0.1, 0.003, 0.002, 0.0)), "front", (0.7, 0.7))
     lens = Lens(camera)
     width, height = lens.pinhole.size
     assert width > 640, "it sees more than without distortion"

@@ -114,7 +114,7 @@ class EyesConfig(Checked):
         if len(self.picture) != 2 or not all(isinstance(side, int) and 8 <= side <= 4096 for side in self.picture):
             raise InputError(f"picture must be width and height, from 8 to 4096 pixels, got {shown(self.picture)}")
         for place in self.cameras:
-            self.camera(place, (1.0, 1.0))
+            camera_at(place, (1.0, 1.0))
         if self.dark is not None and not 0 <= self.dark[0] <= self.dark[1] < math.inf:
             raise InputError(f"dark must be a begin and an end in seconds, got {list(self.dark)}")
         if self.tint is not None and (len(self.tint) != 3 or not all(0 <= part <= 1 for part in self.tint)):
@@ -122,10 +122,6 @@ class EyesConfig(Checked):
         for stranger in self.strangers:
             if stranger not in STRANGERS:
                 raise UnknownNameError("stranger", stranger, STRANGERS)
-
-    def camera(self, place: str, workspace: tuple[float, float], height: float = 0.0) -> CalibratedCamera:
-        """The camera at a place, see `camera_at`."""
-        return replace(camera_at(place, workspace, self.picture, height), distortion=self.distortion)
 
     def is_dark(self, time: float) -> bool:
         """Whether all cameras see nothing at a time [s]."""
@@ -169,7 +165,7 @@ class Photographer:
         self._sensors = [DepthSensor().drawn(sensors) for _ in config.cameras]
         second = "cable" in config.strangers
         self._lying = [lying_cable(self._size, task.cable.radius, look.cable, config.seed)] if second else []
-        self.cameras = tuple(config.camera(place, self._size) for place in config.cameras)
+        self.cameras = tuple(camera_of(config, place, self._size) for place in config.cameras)
         self._lenses = [Lens(camera) for camera in self.cameras]
         self._light = lamp(self._size, config)
 
@@ -222,6 +218,11 @@ class Photographer:
     def _strangers(self, time: float) -> list[Mesh]:
         arm = reaching_arm(self._size, time, self._config.seed) if "arm" in self._config.strangers else None
         return self._lying + ([] if arm is None else [arm])
+
+
+def camera_of(config: EyesConfig, place: str, workspace: tuple[float, float], height: float = 0.0) -> CalibratedCamera:
+    """The camera at a place, see `camera_at`, with the lens that it has."""
+    return replace(camera_at(place, workspace, config.picture, height), distortion=config.distortion)
 
 
 def lamp(size: tuple[float, float], config: EyesConfig) -> Light:

@@ -28,7 +28,7 @@ from cableway.scene.spatial.scene import SpatialScene
 from cableway.scene.spatial.task import SpatialTask
 from cableway.tracking.eyes import shown_as
 from cableway.tracking.lens import Lens
-from cableway.tracking.photographer import LOOK, MARKER, EyesConfig, lamp, taken
+from cableway.tracking.photographer import LOOK, MARKER, EyesConfig, camera_of, lamp, taken
 from cableway.tracking.shutter import Shutter
 from cableway.tracking.spatial_loop import SpatialPlantLike
 
@@ -64,7 +64,7 @@ class SpatialPhotographer:
             raise InputError("in space cameras give no depths, and see no strangers and nothing of the cable's colour")
         x, y, height = task.scene.size
         self._task, self._config = task, config
-        self.cameras = tuple(config.camera(place, (x, y), height) for place in config.cameras)
+        self.cameras = tuple(camera_of(config, place, (x, y), height) for place in config.cameras)
         self._lenses = [Lens(camera) for camera in self.cameras]
         self._light = lamp((x, y), config)
         self._known = scene_mesh(task.scene, LOOK.table, LOOK.obstacle)
