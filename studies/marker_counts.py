@@ -8,13 +8,10 @@ markers, and is the cable's own colour then. Prints Markdown.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-from perception import GREEN, NINETY, ORANGE, PLACES, SIZE, in_deviations, off, pictures, rollout_of, spread, table
-from threadpoolctl import threadpool_limits
+from perception import GREEN, NINETY, ORANGE, PLACES, SIZE, in_deviations, off, pictures, sequences, spread, table
 
 from cableway.figures.perspective import LOOK, way_of
 from cableway.perception.markers import MarkerTracker
@@ -25,7 +22,6 @@ from cableway.records import Rollout
 from cableway.rendering.cell import CellScene
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.task import CONTROL_STEP, Task
-from cableway.tasks.generation import random_task
 
 MARKED = {"none": (), "1": (6,), "2": (4, 8), "3": (3, 6, 9), "5": (2, 4, 6, 8, 10), "11": tuple(range(1, 12))}
 """Keypoints with a marker, of 13."""
@@ -52,7 +48,7 @@ def erased(view: View, keypoints: np.ndarray, kept: tuple[int, ...], radius: flo
     return replace(view, mask=mask, marks=marks)
 
 
-def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, list]:
+def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, np.ndarray]:
     """Errors and more by setup and number of markers."""
     way = way_of(task, rollout)
     assert way is not None
@@ -77,31 +73,14 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, l
             for what, values in (("error", errors["error"]), ("across", errors["across"]), ("known", seen.known),
                                  ("deviations", deviations)):  # fmt: skip
                 out.setdefault(f"{name} {many} {what}", []).append(values)
-    return out
+    return {what: np.array(rows) for what, rows in out.items()}
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--first", type=int, default=9200)
-    parser.add_argument("--count", type=int, default=12)
-    parser.add_argument("--every", type=int, default=6)
-    parser.add_argument("--out", type=Path, default=Path("out/perception"))
-    given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
     found: list[dict[str, np.ndarray]] = []
-    for seed in range(given.first, given.first + given.count):
-        file = given.out / f"counts-{seed}-{given.every}.npz"
-        if not file.exists():
-            task = random_task(seed, "cell")
-            rollout = rollout_of(task, seed, given.out)
-            if rollout is None:
-                continue
-            with threadpool_limits(1):
-                np.savez(
-                    file, **{what: np.array(rows) for what, rows in followed(task, rollout, seed, given.every).items()}
-                )
-        found.append(dict(np.load(file)))
+    for seed, errors in sequences(__doc__, "counts", followed, first=9200, count=12, every=6):
+        found.append(errors)
         print(seed, flush=True)
     print(f"\n{len(found)} sequences, {sum(len(each[f'{next(iter(SETUPS))} none known']) for each in found)} frames\n")
     table("cameras", "markers", "error, mean, p99, worst [mm]", "across the cable [mm]", "90% intervals cover [%]",

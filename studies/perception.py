@@ -19,7 +19,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -195,28 +195,41 @@ def between(curve: np.ndarray, poses: np.ndarray, count: int) -> np.ndarray:
     return resampled(fine[np.argmin(first[:half]) : half + np.argmin(last[half:]) + 1], count)
 
 
-def main() -> None:
-    """Follow the sequences and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--first", type=int, default=6000)
-    parser.add_argument("--count", type=int, default=5)
-    parser.add_argument("--every", type=int, default=2)
+Following = Callable[[Task, Rollout, int, int], dict[str, np.ndarray]]
+"""What came of a sequence, given its task, rollout and seed, and every how many rows there is a picture."""
+
+
+def sequences(
+    about: str | None, name: str, follow: Following, *, first: int, count: int, every: int
+) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+    """Seeds of the sequences that the command line asks for, by default these, and what came of them, kept in files of
+    this name."""
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=first)
+    parser.add_argument("--count", type=int, default=count)
+    parser.add_argument("--every", type=int, default=every)
     parser.add_argument("--out", type=Path, default=Path("out/perception"))
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    found: list[dict[str, np.ndarray]] = []
     for seed in range(given.first, given.first + given.count):
-        file = given.out / f"errors-{seed}-{given.every}.npz"
+        file = given.out / f"{name}-{seed}-{given.every}.npz"
         if not file.exists():
             task = random_task(seed, "cell")
             rollout = rollout_of(task, seed, given.out)
             if rollout is None:
                 continue
             with threadpool_limits(1):
-                np.savez(file, **followed(task, rollout, seed, given.every))
-        found.append(dict(np.load(file)))
-        print(f"{seed}: " + ", ".join(f"{name} {1e3 * np.nanmean(found[-1][f'{name} rod error']):.2f} mm, worst "
-              f"{1e3 * np.nanmax(found[-1][f'{name} rod error']):.1f}" for name in SETUPS), flush=True)  # fmt: skip
+                np.savez(file, **follow(task, rollout, seed, given.every))
+        yield seed, dict(np.load(file))
+
+
+def main() -> None:
+    """Follow the sequences and print the table."""
+    found: list[dict[str, np.ndarray]] = []
+    for seed, errors in sequences(__doc__, "errors", followed, first=6000, count=5, every=2):
+        found.append(errors)
+        print(f"{seed}: " + ", ".join(f"{name} {1e3 * np.nanmean(errors[f'{name} rod error']):.2f} mm, worst "
+              f"{1e3 * np.nanmax(errors[f'{name} rod error']):.1f}" for name in SETUPS), flush=True)  # fmt: skip
     show(found)
 
 

@@ -275,6 +275,8 @@ def test_cameras_that_cannot_be_are_refused():
         EyesConfig(dark=(2.0, 1.0))
     with pytest.raises(InputError, match="tint must be three numbers"):
         EyesConfig(tint=(2.0, 1.0, 0.0))
+    with pytest.raises(InputError, match="distortion of a camera must be five finite numbers"):
+        EyesConfig(distortion=(0.1, np.nan, 0.0, 0.0, 0.0))
     with pytest.raises(UnknownNameError, match="cable"):
         EyesConfig(strangers=("cat",))
     with pytest.raises(InputError, match="another one is given"):

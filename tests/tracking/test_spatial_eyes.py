@@ -89,6 +89,37 @@ def test_a_cable_that_was_never_seen_is_not_known():
     assert not found.cameras.any()
 
 
+def test_an_estimate_that_leads_the_cable_elsewhere_is_forgotten():
+    """It is known again by what is seen, and not known as long as nothing is."""
+    seen, poses, true = views(TASK, HANGING, "left", "above")
+    tracker = SpatialTracker(TASK.cable, 0.1)
+    track, _ = tracker.update(tracker.start(poses, HANGING), seen, poses, 0.0)
+    wrong = replace(track, estimate=replace(track.estimate, offset=track.estimate.offset + 0.05))
+    after, found = tracker.update(wrong, seen, poses, 0.1)
+    assert found.known
+    assert np.linalg.norm(found.observation.keypoints - true, axis=1)[2:-2].max() < 0.001
+    hidden = [View(view.camera, np.zeros_like(view.mask), np.ones_like(view.mask)) for view in seen]
+    assert tracker.update(after, hidden, poses, 0.2)[1].known, "it lies where it lay"
+    assert not tracker.update(wrong, hidden, poses, 0.1)[1].known
+
+
+def test_what_turns_out_to_stand_there_hides_markers_from_then_on():
+    """A wall that is not known of leaves the markers behind it missing; the same wall, known, hides them."""
+    stations, poses = TASK.rod.shapes(HANGING[None])
+    wall = Cuboid(center=(0.02, 0.4, 0.53), size=(0.01, 0.4, 0.4))
+    actual = replace(TASK.scene, obstacles=(wall,))
+    photographer = SpatialPhotographer(TASK, replace(EYES, cameras=("left",)), actual)
+    state, missing = State(0.0, stations[0], poses[0]), []
+    for scene in (TASK.scene, actual):
+        photographer.know(scene)
+        shots = photographer.shot(state, np.random.default_rng(0))
+        seen = [view_of(camera, *shot, *COLORS) for camera, shot in zip(photographer.cameras, shots, strict=True)]
+        tracker = SpatialTracker(TASK.cable, 0.1)
+        missing.append(tracker.update(tracker.start(poses[0], HANGING), seen, poses[0], 0.0)[1].missing)
+    assert missing[0] > 0.9
+    assert missing[1] == 0.0
+
+
 def test_marks_of_something_else_alone_are_not_the_cable():
     seen, poses, _ = views(TASK, HANGING, "left", "above")
     far = SE3.plus(poses, np.array([[0.0, 0.25, 0.0, 0.0, 0.0, 0.0]] * 2))

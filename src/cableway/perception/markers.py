@@ -21,7 +21,7 @@ from cableway.estimation.curve_filter import CurveFit
 from cableway.estimation.rod_filter import RodEstimate
 from cableway.perception.rod_tracker import Evidence, RodTracker
 from cableway.perception.sighting import Track
-from cableway.perception.views import View, widths
+from cableway.perception.views import View, lying, widths
 from cableway.records import RodParameters
 from cableway.rod.material import ROD
 
@@ -80,7 +80,7 @@ def marks_of(view: View, radius: float, line: Float[np.ndarray, "m 2"] | None = 
     """
     found = marks_in(view)
     points = view.camera.on_plane(found.pixels, radius)
-    fits = found.of_size(widths(view, points, radius))
+    fits = found.of_size(widths(view, lying(points, radius), radius))
     return points[fits] if line is None else _to_axis(view, found.pixels[fits], points[fits], radius, line)
 
 
@@ -94,7 +94,7 @@ def _to_axis(
     """Points of the axis [m] of bands that are seen at pixels, about at `points`, along a line."""
     along = np.gradient(line, axis=0)[cdist(points, line).argmin(axis=1)] if len(points) else np.empty((0, 2))
     along = np.column_stack([along / np.linalg.norm(along, axis=1, keepdims=True), np.zeros(len(along))])
-    lift = visible_side(view, np.column_stack([points, np.full(len(points), radius)]), along, radius)
+    lift = visible_side(view, lying(points, radius), along, radius)
     return view.camera.on_plane(pixels, radius + lift[:, 2]) - lift[:, :2]
 
 

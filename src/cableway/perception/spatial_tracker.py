@@ -22,7 +22,7 @@ from cableway.geometry.groups import SE3
 from cableway.perception import kernels
 from cableway.perception.markers import marks_in, visible_side
 from cableway.perception.sighting import TrackerConfig
-from cableway.perception.views import View
+from cableway.perception.views import View, widths
 from cableway.records import Observation
 from cableway.scene.spatial.cable import SpatialCable
 
@@ -61,7 +61,7 @@ class SpatialTrack:
         poses: (2, 7) of the grippers at the last frame.
         residual: How far keypoints of the rod were off their markers then [m], root mean square.
         keypoints: (n, 3) there [m].
-        found: Whether any frame was explained.
+        found: Whether any frame was explained since the estimate last began.
     """
 
     estimate: SpatialEstimate
@@ -189,7 +189,7 @@ class SpatialTracker:
         estimate, guess = self._begun(track.estimate, poses, before)
         if guess is None:
             return self._lost(track, poses, before, time)
-        known, rays = estimate, list[_Rays]()
+        known, rays, begun_anew = estimate, list[_Rays](), estimate is not track.estimate
         marks = [self._marks(view, guess.keypoints) for view in views]
         for _ in range(PASSES):
             rays = [self._rays(view, pixels, guess, track.residual) for view, pixels in zip(views, marks, strict=True)]
@@ -199,7 +199,7 @@ class SpatialTracker:
                 break
             estimate, guess = updated, found
         seen = self._sighting(guess, rays, sum(map(len, marks)), self._missing(views, guess), poses, time)
-        found = track.found or seen.explained
+        found = seen.explained or (track.found and not begun_anew)
         track = SpatialTrack(replace(estimate, q=guess.q), poses, seen.observation.keypoints, seen.residual, found)
         return track, seen if found else replace(seen, known=False)
 
@@ -229,11 +229,8 @@ class SpatialTracker:
 
     def _marks(self, view: View, expected: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "b 2"]:
         """Where marks are in a view [pixels] that are as large as markers where the cable is expected."""
-        _, depth = view.camera.project(expected)
-        scale = np.mean(view.camera.pinhole.focal) / depth[depth > 0]
-        found = marks_in(view)
-        widths = 2 * self._cable.radius * (scale.mean() if len(scale) else 0.0)
-        return found.pixels[found.of_size(np.full(len(found.areas), widths))]
+        found, wide = marks_in(view), widths(view, expected, self._cable.radius).mean()
+        return found.pixels[found.of_size(np.full(len(found.areas), wide))]
 
     def _rays(self, view: View, marks: Float[np.ndarray, "b 2"], guess: _Guess, residual: float) -> _Rays:
         """Of each keypoint the ray of its mark in a view, of marks at pixels that were so far off before [m]."""
@@ -241,8 +238,8 @@ class SpatialTracker:
         along = np.gradient(expected, axis=0)
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         lift = visible_side(view, expected, along, radius)
-        pixels, depth = camera.project(expected + lift)
-        scale = np.mean(camera.pinhole.focal) / np.where(depth > 0, depth, np.inf)  # pixels for each metre there
+        pixels, _ = camera.project(expected + lift)
+        scale = widths(view, expected + lift, radius) / (2 * radius)  # pixels for each metre there
         half = self._cable.length / (len(expected) - 1) / 2
         deviation = np.sqrt(np.linalg.eigvalsh(guess.covariance)[:, -1] + self._noise**2 + residual**2)
         reach = scale * np.clip(GATE * deviation, min(LEAST, half), min(MOST, half))
@@ -258,10 +255,9 @@ class SpatialTracker:
         inner = guess.keypoints[1:-1]
         codes = np.full((len(views), len(inner)), kernels.HIDDEN)
         for view, out in zip(views, codes, strict=True):
-            pixels, depth = view.camera.project(inner)
-            width = 2 * self._cable.radius * np.mean(view.camera.pinhole.focal) / np.where(depth > 0, depth, np.inf)
+            pixels, _ = view.camera.project(inner)
             hiding = np.ones(view.mask.shape, bool) if view.hiding is None else np.ascontiguousarray(view.hiding)
-            kernels.claims(pixels, width + AROUND, view.markers, hiding, out)
+            kernels.claims(pixels, widths(view, inner, self._cable.radius) + AROUND, view.markers, hiding, out)
         seen, missing = (codes == kernels.SEEN).any(axis=0), (codes == kernels.MISSING).any(axis=0)
         return float((missing & ~seen).sum() / max((seen | missing).sum(), 1))
 
@@ -306,7 +302,7 @@ class SpatialTracker:
         n = self._cable.keypoints
         observation = Observation(time, np.full((n, 3), np.nan), poses, taken=time, confidence=np.zeros(n))
         nothing = (np.full((n, 3, 3), np.inf), np.zeros(n, int), 1.0, 1.0, 0.0)
-        return replace(track, poses=poses, keypoints=before), SpatialSighting(
+        return replace(track, poses=poses, keypoints=before, found=False), SpatialSighting(
             observation, *nothing, explained=False, known=False
         )
 

@@ -89,7 +89,7 @@ def axis_points(view: View, radius: float) -> Float[np.ndarray, "k 2"]:
     """
     pixels, width = centreline(view)
     points = view.camera.on_plane(pixels, radius)
-    expected = widths(view, points, radius)
+    expected = widths(view, lying(points, radius), radius)
     fits = np.abs(width - expected) <= WIDTH_SHARE * expected + WIDTH_PIXELS
     return points[fits]
 
@@ -102,16 +102,22 @@ def seen_of(view: View, points: Float[np.ndarray, "m 2"], radius: float) -> Int[
         points: Where the axis should be.
         radius: Of the cable [m].
     """
-    pixels, _ = view.camera.project(np.column_stack([points, np.full(len(points), radius)]))
-    reach = SMALL * widths(view, points, radius) + 1.0
+    axis = lying(points, radius)
+    pixels, _ = view.camera.project(axis)
+    reach = SMALL * widths(view, axis, radius) + 1.0
     hiding = np.ones(view.mask.shape, bool) if view.hiding is None else np.ascontiguousarray(view.hiding)
     out = np.empty(len(points), np.int64)
     kernels.claims(pixels, reach, view.cable, hiding, out)
     return out
 
 
-def widths(view: View, points: Float[np.ndarray, "k 2"], radius: float) -> Float[np.ndarray, "k"]:
-    """Width of the cable in the picture [pixels] at points [m] of its axis."""
+def widths(view: View, points: Float[np.ndarray, "k 3"], radius: float) -> Float[np.ndarray, "k"]:
+    """Width of the cable in the picture [pixels] at points [m] of its axis; 0 where they are behind the camera."""
     pinhole = view.camera.pinhole
-    ahead = pinhole.seen(np.column_stack([points, np.full(len(points), radius)]))[:, 2]
-    return 2 * radius * float(np.mean(pinhole.focal)) / ahead
+    ahead = pinhole.seen(points)[:, 2]
+    return 2 * radius * float(np.mean(pinhole.focal)) / np.where(ahead <= 0, np.inf, ahead)
+
+
+def lying(points: Float[np.ndarray, "k 2"], radius: float) -> Float[np.ndarray, "k 3"]:
+    """Points [m] of the axis of a cable that lies on the table."""
+    return np.column_stack([points, np.full(len(points), radius)])

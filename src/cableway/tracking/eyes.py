@@ -130,9 +130,7 @@ class SeenPlant:
             "frames": len(self._hidden),
             "known": sum(self._known) / frames,
             "hidden": sum(self._hidden) / frames,
-            "mean_error": float(np.mean(errors)) if len(errors) else None,
-            "p99_error": float(np.percentile(errors, 99)) if len(errors) else None,
-            "largest_error": float(np.mean(errors, axis=1).max()) if len(errors) else None,
+            **told_of(errors),
             "lost": self._is_lost(errors),
             "seconds_per_frame": self._spent / frames,
             **self._appeared(),
@@ -164,15 +162,8 @@ class SeenPlant:
             self._look_out(self._lookout, now)
         newest = None
         for state in self._shutter.taken(now, self._rng):
-            newest = self._look(state)
-        if not self._known[-1]:  # by the newest picture, be it of now or before
-            n = len(reported.keypoints)
-            return replace(reported, keypoints=np.full((n, 2), np.nan), confidence=np.zeros(n))
-        if newest is None:
-            return replace(reported, keypoints=np.full_like(reported.keypoints, np.nan))
-        seen, offset = newest.observation, reported.time - now
-        taken = seen.time + offset
-        return replace(reported, keypoints=seen.keypoints, confidence=seen.confidence, taken=taken, rod=seen.rod)
+            newest = self._look(state).observation
+        return reported_by(newest, known=self._known[-1], reported=reported, now=now)
 
     def _look_out(self, lookout: Lookout, now: float) -> None:
         """See what appeared on the table."""
@@ -219,6 +210,35 @@ def _between(a: State, b: State, share: float, time: float) -> State:
     """The state at a time, a share of the way from one to another."""
     joints = b.joints if a.joints is None or b.joints is None else (1 - share) * a.joints + share * b.joints
     return State(time, (1 - share) * a.cable + share * b.cable, SE2.between(a.poses, b.poses, share), joints)
+
+
+def reported_by(newest: Observation | None, *, known: bool, reported: Observation, now: float) -> Observation:
+    """What a plant reports with what was found in the newest picture in place of its keypoints.
+
+    Args:
+        newest: What that is, None where no picture has come; its time is on the clock of the cameras.
+        known: Whether the cable was known in the newest picture, be it of now or before.
+        reported: What the plant reports.
+        now: The time on the clock of the cameras [s].
+    """
+    nothing = np.full_like(reported.keypoints, np.nan)
+    if not known:
+        return replace(reported, keypoints=nothing, confidence=np.zeros(len(nothing)))
+    if newest is None:
+        return replace(reported, keypoints=nothing)
+    taken = newest.time + reported.time - now
+    return replace(reported, keypoints=newest.keypoints, confidence=newest.confidence, taken=taken, rod=newest.rod)
+
+
+def told_of(errors: Float[np.ndarray, "m n"]) -> dict[str, float | None]:
+    """Errors of keypoints [m] in m frames, for the record of a run; see `SeenPlant.record`."""
+    if not len(errors):
+        return {"mean_error": None, "p99_error": None, "largest_error": None}
+    return {
+        "mean_error": float(np.mean(errors)),
+        "p99_error": float(np.percentile(errors, 99)),
+        "largest_error": float(np.mean(errors, axis=1).max()),
+    }
 
 
 def shown_as(color: Color) -> CableColor:

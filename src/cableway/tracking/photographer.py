@@ -114,7 +114,7 @@ class EyesConfig(Checked):
         if len(self.picture) != 2 or not all(isinstance(side, int) and 8 <= side <= 4096 for side in self.picture):
             raise InputError(f"picture must be width and height, from 8 to 4096 pixels, got {shown(self.picture)}")
         for place in self.cameras:
-            camera_at(place, (1.0, 1.0))
+            camera_of(self, place, (1.0, 1.0))
         if self.dark is not None and not 0 <= self.dark[0] <= self.dark[1] < math.inf:
             raise InputError(f"dark must be a begin and an end in seconds, got {list(self.dark)}")
         if self.tint is not None and (len(self.tint) != 3 or not all(0 <= part <= 1 for part in self.tint)):

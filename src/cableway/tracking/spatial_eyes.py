@@ -7,7 +7,6 @@ the plant reports; nothing else of the truth. There are no arms, and what stands
 from __future__ import annotations
 
 import time as clock
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +25,7 @@ from cableway.rendering.picture import labels
 from cableway.rendering.space import CABLE, TABLE, body_mesh, cable_mesh, scene_mesh
 from cableway.scene.spatial.scene import SpatialScene
 from cableway.scene.spatial.task import SpatialTask
-from cableway.tracking.eyes import shown_as
+from cableway.tracking.eyes import reported_by, shown_as, told_of
 from cableway.tracking.lens import Lens
 from cableway.tracking.photographer import LOOK, MARKER, EyesConfig, camera_of, lamp, taken
 from cableway.tracking.shutter import Shutter
@@ -152,9 +151,7 @@ class SpatialSeenPlant:
             "frames": len(self._known),
             "known": float(np.mean(self._known)),
             "hidden": float(np.mean(inner == 0)),
-            "mean_error": float(errors.mean()) if len(errors) else None,
-            "p99_error": float(np.percentile(errors, 99)) if len(errors) else None,
-            "largest_error": float(errors.mean(axis=1).max()) if len(errors) else None,
+            **told_of(errors),
             "seconds_per_frame": self._spent / len(self._known),
         }
 
@@ -164,15 +161,8 @@ class SpatialSeenPlant:
         self._shutter.note(State(now, truth.centreline, reported.poses))
         newest = None
         for state in self._shutter.taken(now, self._rng):
-            newest = self._look(state)
-        n = len(reported.keypoints)
-        if not self._known[-1]:  # by the newest picture, be it of now or before
-            return replace(reported, keypoints=np.full((n, 3), np.nan), confidence=np.zeros(n))
-        if newest is None:
-            return replace(reported, keypoints=np.full((n, 3), np.nan))
-        seen = newest.observation
-        taken_at = seen.time + reported.time - now
-        return replace(reported, keypoints=seen.keypoints, confidence=seen.confidence, taken=taken_at)
+            newest = self._look(state).observation
+        return reported_by(newest, known=self._known[-1], reported=reported, now=now)
 
     def _look(self, state: State) -> SpatialSighting:
         if (scene := self.task.scene) != self._known_scene:
