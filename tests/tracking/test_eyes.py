@@ -24,6 +24,7 @@ from cableway.tracking.eyes import EyesConfig, SeenPlant
 from cableway.tracking.lens import Lens
 from cableway.tracking.loop import BLIND
 from cableway.tracking.photographer import Photographer, State, camera_of
+from cableway.tracking.shutter import Shutter
 from cableway.tracking.stopping import StopRule, TrackConfig
 from cableway.workflow.run import SolveOptions
 
@@ -147,6 +148,19 @@ def shot(**config) -> tuple[np.ndarray, np.ndarray]:
     given = {"cameras": ("above",), "noise": 0.0, "seed": 1} | config
     state = State(3.0, PLAN.shapes[0], PLAN.poses[0], None)
     return Photographer(TASK, None, EyesConfig(**given)).shot(state, np.random.default_rng(0))[0]
+
+
+def test_pictures_that_are_lost_never_come_but_the_first_one_does():
+    config = EyesConfig(frame_rate=10.0, latency=0.0, drop_rate=0.5)
+    for seed in range(20):
+        shutter = Shutter(config, 0.1, lambda a, b, share, time: State(time, b.cable, b.poses, None))
+        came, rng = [], np.random.default_rng(seed)
+        for k in range(100):
+            shutter.note(State(0.1 * k, np.zeros((2, 2)), np.zeros((2, 3)), None))
+            came += [state.time for state in shutter.taken(0.1 * k, rng)]
+        assert came[0] == 0.0
+        assert 25 < len(came) < 75
+        assert len(set(came)) == len(came)
 
 
 @pytest.mark.parametrize("tracker", ["rod", "markers"])

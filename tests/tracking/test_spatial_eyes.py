@@ -9,18 +9,19 @@ import pytest
 from spatial_problems import HANGING, ball_task
 
 from cableway.core.errors import InputError
+from cableway.geometry import polyline
 from cableway.geometry.groups import SE3
 from cableway.perception.segmentation import view_of
 from cableway.perception.spatial_tracker import SpatialTracker
 from cableway.perception.views import View
-from cableway.records import Plan
+from cableway.records import Measurement, Observation, Plan
 from cableway.scene.spatial.obstacles import Cuboid
 from cableway.scene.spatial.task import SpatialTask
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.tracking.eyes import shown_as
 from cableway.tracking.loop import BLIND
 from cableway.tracking.photographer import LOOK, MARKER, EyesConfig
-from cableway.tracking.spatial_eyes import SETUP, SpatialPhotographer, State
+from cableway.tracking.spatial_eyes import SETUP, SpatialPhotographer, SpatialSeenPlant, State
 from cableway.workflow.spatial_run import follow_in_space
 
 TASK = replace(ball_task(), scene=replace(ball_task().scene, obstacles=()))
@@ -53,8 +54,10 @@ def followed(task: SpatialTask, places: tuple[str, ...]) -> tuple[np.ndarray, np
     return errors, np.sqrt(np.trace(found.covariance, axis1=1, axis2=2)), found.cameras, found.known
 
 
-def test_two_cameras_say_where_each_marker_is():
-    errors, _, cameras, known = followed(TASK, ("left", "above"))
+@pytest.mark.parametrize("places", [("left", "above"), ("front", "back")])
+def test_two_cameras_say_where_each_marker_is(places: tuple[str, str]):
+    """Also those that look along the cable, and see bands from above alone."""
+    errors, _, cameras, known = followed(TASK, places)
     assert known
     assert (cameras[2:-2] == 2).all(), "balls hide those beside the grippers"
     assert errors[2:-2].max() < 0.001
@@ -89,6 +92,23 @@ def test_a_cable_that_was_never_seen_is_not_known():
     assert not found.cameras.any()
 
 
+def test_a_cable_that_no_rod_explains_is_where_its_markers_are():
+    stations, poses = TASK.rod.shapes(HANGING[None])
+    line = stations[0] + 0.006 * np.sin(np.linspace(0, 4 * np.pi, len(stations[0])))[:, None] * [1.0, 0.0, 0.0]
+    photographer = SpatialPhotographer(TASK, EYES)
+    shots = photographer.shot(State(0.0, line, poses[0]), np.random.default_rng(0))
+    seen = [view_of(camera, *shot, *COLORS) for camera, shot in zip(photographer.cameras, shots, strict=True)]
+    tracker = SpatialTracker(TASK.cable, 0.1)
+    track = tracker.start(poses[0], HANGING)
+    for k in range(3):
+        track, found = tracker.update(track, seen, poses[0], 0.1 * k)
+    off = np.linalg.norm(found.observation.keypoints - polyline.resample(line, 13), axis=1)
+    placed = found.cameras == 2
+    assert placed.sum() >= 7
+    assert off[placed].max() < 0.001
+    assert found.residual > 0.001
+
+
 def test_an_estimate_that_leads_the_cable_elsewhere_is_forgotten():
     """It is known again by what is seen, and not known as long as nothing is."""
     seen, poses, true = views(TASK, HANGING, "left", "above")
@@ -118,6 +138,41 @@ def test_what_turns_out_to_stand_there_hides_markers_from_then_on():
         missing.append(tracker.update(tracker.start(poses[0], HANGING), seen, poses[0], 0.0)[1].missing)
     assert missing[0] > 0.9
     assert missing[1] == 0.0
+
+
+class StandingPlant:
+    """A cable that hangs between still grippers; a wall before it is known of from the first step on."""
+
+    control_step = 0.1
+
+    def __init__(self, after: SpatialTask) -> None:
+        self.task, self._after, self._time = TASK, after, 0.0
+        stations, poses = TASK.rod.shapes(HANGING[None])
+        keypoints = TASK.rod.at_keypoints(stations)[0]
+        self._truth = Measurement(keypoints, poses[0], stations[0], 1.0, 1.0)
+
+    def reset(self) -> Observation:
+        return Observation(self._time, self._truth.keypoints, self._truth.poses)
+
+    def step(self, action: np.ndarray) -> Observation:
+        self.task, self._time = self._after, self._time + 0.1
+        return self.reset()
+
+    def measure(self) -> Measurement:
+        return self._truth
+
+
+def test_a_run_learns_what_hides_the_cable_with_the_task():
+    wall = Cuboid(center=(0.02, 0.4, 0.53), size=(0.01, 0.1, 0.4))
+    there = replace(TASK, scene=replace(TASK.scene, obstacles=(wall,)))
+    eyes = replace(EYES, cameras=("left",), latency=0.0)
+    plant = SpatialSeenPlant(StandingPlant(there), eyes, there.scene)
+    first = plant.reset()
+    assert first.confidence is not None
+    assert not first.confidence.any(), "markers are missing, and nothing is known to hide them"
+    after = plant.step(np.zeros((2, 6)))
+    assert after.confidence is not None
+    assert after.confidence.all()
 
 
 def test_marks_of_something_else_alone_are_not_the_cable():
